@@ -1,0 +1,1 @@
+//! Placeholder docs, filled by the module's change.

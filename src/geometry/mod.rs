@@ -1,0 +1,10 @@
+//! What a leaf is made of: point clouds, triangle meshes, analytic solids, and the searches over them.
+
+pub mod cloud;
+pub mod mesh;
+pub mod neighbours;
+pub mod solid;
+
+pub use cloud::{Ellipse, PointCloud};
+pub use mesh::TriMesh;
+pub use solid::Solid;

@@ -1,0 +1,15 @@
+//! surfcut cuts scans and meshes with Boolean expressions and draws the result, without first turning a scan into a mesh.
+
+pub mod classify;
+pub mod composite;
+pub mod csg;
+pub mod formats;
+pub mod geometry;
+pub mod layers;
+pub mod measure;
+pub mod output;
+pub mod reference;
+pub mod scene;
+pub mod space;
+pub mod splat;
+pub mod surfel;

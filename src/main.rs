@@ -1,0 +1,2 @@
+//! The surfcut command.
+fn main() {}

@@ -1,0 +1,1 @@
+//! The judge: f64 ray casting.
