@@ -12,6 +12,8 @@
 mod bits;
 pub mod blist;
 #[cfg(test)]
+mod deep;
+#[cfg(test)]
 mod exhaustive;
 pub mod expression;
 pub mod paper;

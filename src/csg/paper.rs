@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_disagrees_with_itself_on_a_dropped_leaf() {
+    fn a_dropped_leaf_keeps_what_the_tree_would_clip() {
         // C ∩ (A ∪ B), the design's example of where unknown fails: a surfel of A inside C that is buried in B, but has no
         // partner of B, is kept.
         let tree = tree("c & (a | b)");
