@@ -195,10 +195,8 @@ fn classify_chunk(
     members: usize,
 ) -> Vec<Local> {
     let own_field = fields[own.0 as usize];
-    let touches: Vec<TouchRef> = row
-        .iter()
-        .map(|status| status.as_ref().map_or(TouchRef::Apart(Membership::Out), |s| s.chunk(chunk)))
-        .collect();
+    let touches: Vec<TouchRef> =
+        row.iter().map(|status| status.as_ref().map_or(TouchRef::Apart(Membership::Out), |s| s.chunk(chunk))).collect();
     // Surfels of a leaf that lends its surface are partners of whatever surfel leaf is within reach of the chunk.
     let within_reach = |b: usize| matches!(touches[b], TouchRef::Surfels(_)) && fields[b].kind_can_ask();
     let partner = if own_field.lends_surfels() && (0..touches.len()).any(within_reach) { Class::PARTNER } else { 0 };
@@ -207,8 +205,7 @@ fn classify_chunk(
         TouchRef::Apart(m) => m,
         TouchRef::Surfels(_) => Membership::Near,
     };
-    let open: Vec<usize> =
-        (0..touches.len()).filter(|&b| matches!(touches[b], TouchRef::Surfels(_))).collect();
+    let open: Vec<usize> = (0..touches.len()).filter(|&b| matches!(touches[b], TouchRef::Surfels(_))).collect();
     // Most chunks are decided as a whole, near leaves or not.
     match Residual::decided(tree, own, apart) {
         Some(Residual::Off) => return vec![Local::Run(Class(Class::OFF | partner), members)],
@@ -237,9 +234,8 @@ fn classify_chunk(
             Residual::On(crossing) => Local::Run(Class(surface(*crossing) | partner), 1),
             Residual::Edge(edge) => {
                 let centre = own_field.cloud.centre(chunk * CHUNK + member);
-                let on = edge
-                    .crossing(|near| fields[edge.near[near].0 as usize].contains(centre, &mut found))
-                    .is_some();
+                let on =
+                    edge.crossing(|near| fields[edge.near[near].0 as usize].contains(centre, &mut found)).is_some();
                 let inside = if on { Class::INSIDE } else { 0 };
                 Local::Edge(Box::new(edge.clone()), partner | inside)
             }

@@ -61,7 +61,7 @@ struct Inside {
 impl LeafField {
     /// Over `cloud`; `exact` where the leaf is an analytic solid or a mesh that is to be asked exactly.
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
-        let search = Neighbours::from_cloud(&cloud);
+        let search = cloud.neighbours();
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
         let largest_radius = cloud.chunks.iter().map(|c| c.largest_radius).fold(0.0, f32::max);
         Self { cloud, search, exact, kind, winding, largest_radius }
@@ -83,7 +83,7 @@ impl LeafField {
                 false => Membership::Near,
             };
         }
-        let Some((nearest, distance)) = self.search.nearest(centre_in_world) else {
+        let Some((nearest, distance)) = self.search.nearest_in_world(centre_in_world) else {
             return Membership::Out;
         };
         if f64::from(distance) > radius + f64::from(self.largest_radius()) {
@@ -99,10 +99,10 @@ impl LeafField {
         if self.exact.is_some() || self.kind == LeafKind::Sheet {
             return self.ball(centre_in_world, f64::from(radius));
         }
-        self.search.within(centre_in_world, radius + self.largest_radius(), found);
+        self.search.within(self.search.offset(centre_in_world), radius + self.largest_radius(), found);
         found.retain(|&(t, distance)| distance < radius + self.cloud.surfels[t as usize].radius);
         let Some(&(nearest, _)) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))) else {
-            return match self.search.nearest(centre_in_world) {
+            return match self.search.nearest_in_world(centre_in_world) {
                 Some((nearest, _)) => side(self.far_inside(centre_in_world, nearest)),
                 None => Membership::Out,
             };
@@ -129,7 +129,7 @@ impl LeafField {
         if let Some(exact) = &self.exact {
             return exact.contains(p_in_world);
         }
-        self.search.within(p_in_world, self.largest_radius(), found);
+        self.search.within(self.search.offset(p_in_world), self.largest_radius(), found);
         let (mut weights, mut values) = (0.0_f32, 0.0_f32);
         for &(t, _) in found.iter() {
             let surfel = &self.cloud.surfels[t as usize];
@@ -142,7 +142,7 @@ impl LeafField {
         if weights > 0.0 {
             return values < 0.0;
         }
-        self.search.nearest(p_in_world).is_some_and(|(nearest, _)| self.far_inside(p_in_world, nearest))
+        self.search.nearest_in_world(p_in_world).is_some_and(|(nearest, _)| self.far_inside(p_in_world, nearest))
     }
 
     /// The side of a point that no surfel reaches, given its nearest one.

@@ -131,13 +131,11 @@ fn descend(a: &LeafField, b: &LeafField, nodes: &Nodes, node: usize) -> Span {
         let first = run.start * CHUNK;
         let last = (first + CHUNK).min(a.cloud.len());
         let mut found = Vec::new();
-        let each = (first..last)
-            .map(|i| b.surfel_ball(a.cloud.centre(i), a.cloud.surfels[i].radius, &mut found))
-            .collect();
+        let each =
+            (first..last).map(|i| b.surfel_ball(a.cloud.centre(i), a.cloud.surfels[i].radius, &mut found)).collect();
         return Span::Many(vec![Touch::Surfels(each)]);
     }
-    let (left, right) =
-        rayon::join(|| descend(a, b, nodes, 2 * node), || descend(a, b, nodes, 2 * node + 1));
+    let (left, right) = rayon::join(|| descend(a, b, nodes, 2 * node), || descend(a, b, nodes, 2 * node + 1));
     let mut touches = Vec::with_capacity(run.len());
     for (child, span) in [(2 * node, left), (2 * node + 1, right)] {
         match span {
@@ -153,10 +151,7 @@ pub fn all_pairs(fields: &[&LeafField]) -> Vec<Vec<Option<PairStatus>>> {
     (0..fields.len())
         .into_par_iter()
         .map(|a| {
-            (0..fields.len())
-                .into_par_iter()
-                .map(|b| (a != b).then(|| PairStatus::of(fields[a], fields[b])))
-                .collect()
+            (0..fields.len()).into_par_iter().map(|b| (a != b).then(|| PairStatus::of(fields[a], fields[b]))).collect()
         })
         .collect()
 }

@@ -63,9 +63,8 @@ impl ExactSolid {
         let longest = columns.iter().map(|c| c.length()).fold(0.0, f64::max);
         let shortest = columns.iter().map(|c| c.length()).fold(f64::INFINITY, f64::min);
         const SAME: f64 = 1e-9;
-        let orthogonal = [(0, 1), (0, 2), (1, 2)]
-            .iter()
-            .all(|&(i, j)| columns[i].dot(columns[j]).abs() <= SAME * longest * longest);
+        let orthogonal =
+            [(0, 1), (0, 2), (1, 2)].iter().all(|&(i, j)| columns[i].dot(columns[j]).abs() <= SAME * longest * longest);
         let norm = if orthogonal && longest - shortest <= SAME * longest {
             longest
         } else {
@@ -76,7 +75,6 @@ impl ExactSolid {
 }
 
 /// A triangle mesh in world space with its hierarchy.
-#[derive(Debug)]
 pub struct ExactMesh {
     origin: DVec3,
     /// Vertices relative to `origin`, world units.
@@ -90,6 +88,12 @@ pub struct ExactMesh {
     winding: Option<Winding>,
     /// 1 where the map kept orientation, −1 where it mirrored.
     handedness: f64,
+}
+
+impl std::fmt::Debug for ExactMesh {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ExactMesh").field("triangles", &self.triangles.len()).finish_non_exhaustive()
+    }
 }
 
 struct TriangleBox(Aabb);
@@ -173,8 +177,7 @@ impl ExactMesh {
         let length = range.1 - range.0;
         const SLACK: f64 = 1e-4; // of the range: far more than f32 rounding of its end points
         let slack = SLACK * length;
-        let ray =
-            BoxRay::new((start - dir * slack).as_vec3a(), dir.as_vec3a(), 0.0, (length + 2.0 * slack) as f32);
+        let ray = BoxRay::new((start - dir * slack).as_vec3a(), dir.as_vec3a(), 0.0, (length + 2.0 * slack) as f32);
         self.bvh.ray_traverse_anyhit(ray, |_, triangle| {
             if let Some(t) = self.cross_triangle(triangle, origin, dir)
                 && t >= range.0

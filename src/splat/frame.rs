@@ -99,7 +99,7 @@ impl<'a> Frame<'a> {
         members
     }
 
-    fn tile(&self, rect: PixelRect) -> (Tile<'a>, Vec<(LeafId, std::ops::Range<usize>)>) {
+    fn tile(&self, rect: PixelRect) -> (Tile<'_>, Vec<(LeafId, std::ops::Range<usize>)>) {
         let members = self.members_of(rect);
         // The anchor only has to be of the surfels' depth: f32 then resolves the tile's depths to 1e-7 of their spread.
         let anchor = members.first().map_or(0.0, |m| {

@@ -7,6 +7,7 @@
 pub mod frame;
 pub mod project;
 pub mod rows;
+pub mod settings;
 pub mod surface;
 
 pub use frame::Frame;

@@ -168,7 +168,14 @@ impl View {
     }
 
     /// Surfel `index` of `cloud` for a tile whose corner is `rect`'s and whose depths are relative to `anchor`.
-    pub fn surfel(&self, cloud: &SurfelCloud, index: usize, rect: PixelRect, anchor: f64, leaf: LeafLook) -> Option<ViewSurfel> {
+    pub fn surfel(
+        &self,
+        cloud: &SurfelCloud,
+        index: usize,
+        rect: PixelRect,
+        anchor: f64,
+        leaf: LeafLook,
+    ) -> Option<ViewSurfel> {
         let surfel = &cloud.surfels[index];
         let radius = f64::from(surfel.radius);
         let c = self.point(cloud.centre(index));

@@ -387,11 +387,7 @@ fn field<S: Simd>(row: &Row<S>, s: &ViewSurfel, q: &Quadric<S>, t: f32x8<S>) -> 
     let tau = t - s.z;
     let (ex, ey, ez) = (q.ex + row.dir_x * tau, tau * row.dir_y + q.ey, tau + q.ez);
     let m = &s.curvature;
-    let me = [
-        ex * m[0] + ey * m[1] + ez * m[2],
-        ex * m[1] + ey * m[3] + ez * m[4],
-        ex * m[2] + ey * m[4] + ez * m[5],
-    ];
+    let me = [ex * m[0] + ey * m[1] + ez * m[2], ex * m[1] + ey * m[3] + ez * m[4], ex * m[2] + ey * m[4] + ez * m[5]];
     let ne = ex * s.normal[0] + ey * s.normal[1] + ez * s.normal[2];
     Field {
         support: row.support(s, ex, ey, ez),

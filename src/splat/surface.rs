@@ -160,10 +160,7 @@ fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> 
 
 /// The world-space ray of one lane.
 fn ray_of(tile: &Tile<'_>, at: (u32, u32, DVec2), lane: usize) -> Ray {
-    let px = DVec2::new(
-        f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x,
-        f64::from(tile.rect.y0 + at.1) + at.2.y,
-    );
+    let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
     tile.view.camera.ray(px)
 }
 
@@ -336,7 +333,7 @@ fn sides<S: Simd>(
             Some((from, clearance, side)) if p.distance(from) < clearance => side,
             _ => {
                 found.clear();
-                match field.search.nearest(p) {
+                match field.search.nearest_in_world(p) {
                     None => false,
                     Some((nearest, distance)) => {
                         let side = field.far_inside(p, nearest);

@@ -6,6 +6,8 @@
 
 use glam::{DVec3, Mat3, Vec3};
 
+use crate::geometry::neighbours::Neighbours;
+
 /// Surfels a chunk: a cache-friendly run, and the finest node that classification decides as a whole.
 pub const CHUNK: usize = 64;
 
@@ -94,6 +96,12 @@ impl SurfelCloud {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.surfels.is_empty()
+    }
+
+    /// The search over the surfels' centres.
+    pub fn neighbours(&self) -> Neighbours {
+        let origin = self.chunks.get(self.chunks.len() / 2).map_or(DVec3::ZERO, |c| c.origin);
+        Neighbours::new(origin, (0..self.len()).map(|i| (self.centre(i) - origin).as_vec3()))
     }
 
     /// Centre of surfel `index` in world space.
