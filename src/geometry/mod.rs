@@ -9,4 +9,4 @@ pub mod winding;
 
 pub use cloud::{Ellipse, PointCloud};
 pub use mesh::TriMesh;
-pub use solid::Solid;
+pub use solid::{Solid, SolidError};

@@ -12,6 +12,8 @@ use glam::{DVec2, DVec3};
 mod blend;
 mod intersect;
 mod patch;
+#[cfg(test)]
+mod tests;
 
 use blend::BlendField;
 pub use intersect::Hit;

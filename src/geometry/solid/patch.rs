@@ -159,8 +159,8 @@ impl Patch<'_> {
         }
     }
 
-    /// A random point, all equally likely. `uniform` returns numbers in [0, 1).
-    fn random(&self, uniform: &mut dyn FnMut() -> f64) -> SurfacePoint {
+    /// A random point, all equally likely. `uniform` returns independent numbers in [0, 1).
+    pub fn sample_random(&self, uniform: &mut dyn FnMut() -> f64) -> SurfacePoint {
         match &self.shape {
             Shape::Rectangle { corner, u, v, normal } => {
                 SurfacePoint { p: corner + u * uniform() + v * uniform(), normal: *normal }
@@ -280,7 +280,7 @@ impl Solid {
                 }
             }
         }
-        let found = chosen.random(uniform);
+        let found = chosen.sample_random(uniform);
         (found.p, found.normal)
     }
 }
