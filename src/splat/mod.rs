@@ -1,1 +1,5 @@
 //! Placeholder docs, filled by the module's change.
+
+pub mod settings;
+
+pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};
