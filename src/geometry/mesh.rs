@@ -30,4 +30,194 @@ impl TriMesh {
             .sum();
         six_volumes / 6.0
     }
+
+    /// Joins vertices at exactly the same position (the first one's colour stays); returns how many vanished.
+    /// Vertices that are not finite stay apart.
+    ///
+    /// # Panics
+    /// If there are more vertices than a `u32` can number.
+    pub fn weld(&mut self) -> usize {
+        assert!(u32::try_from(self.positions.len()).is_ok(), "vertices are numbered by u32");
+        let mut table = PositionTable::with_capacity(self.positions.len());
+        let first: Vec<u32> =
+            (0..self.positions.len() as u32).map(|v| table.find_or_insert(&self.positions, v)).collect();
+        self.triangles.as_flattened_mut().iter_mut().for_each(|v| *v = first[*v as usize]);
+        self.keep_vertices(|v| first[v] == v as u32)
+    }
+
+    /// Removes the triangles that use a vertex twice; returns how many.
+    pub fn drop_degenerate(&mut self) -> usize {
+        let before = self.triangles.len();
+        self.triangles.retain(|&[a, b, c]| a != b && b != c && c != a);
+        before - self.triangles.len()
+    }
+
+    /// Removes the vertices that no triangle uses; returns how many.
+    pub fn drop_unreferenced(&mut self) -> usize {
+        let mut used = vec![false; self.positions.len()];
+        self.triangles.as_flattened().iter().for_each(|&v| used[v as usize] = true);
+        self.keep_vertices(|v| used[v])
+    }
+
+    /// The triangles whose corners differ and yet lie on one line, as far as `f64` can tell.
+    pub fn count_flat(&self) -> usize {
+        let is_flat = |t: &usize| {
+            let [a, b, c] = self.corners(*t);
+            (b - a).cross(c - a) == DVec3::ZERO
+        };
+        (0..self.triangles.len()).filter(is_flat).count()
+    }
+
+    /// Removes the vertices that `keep` refuses, none of which a triangle may use, and renumbers; returns how many.
+    fn keep_vertices(&mut self, keep: impl Fn(usize) -> bool) -> usize {
+        let before = self.positions.len();
+        let mut kept = 0;
+        let renumbered: Vec<u32> = (0..before)
+            .map(|v| {
+                kept += u32::from(keep(v));
+                kept.wrapping_sub(1)
+            })
+            .collect();
+        if kept as usize == before {
+            return 0;
+        }
+        self.triangles.as_flattened_mut().iter_mut().for_each(|v| *v = renumbered[*v as usize]);
+        let mut v = 0..before;
+        self.positions.retain(|_| v.next().is_some_and(&keep));
+        let mut v = 0..before;
+        self.colours.iter_mut().for_each(|colours| colours.retain(|_| v.next().is_some_and(&keep)));
+        before - self.positions.len()
+    }
+}
+
+/// Finds, among numbered positions, the first one that is exactly equal to a given one. −0 equals +0; NaN equals nothing.
+///
+/// An open-addressing table of numbers alone: 4 to 8 bytes a position, where a `HashMap` keyed by coordinates takes 40.
+#[derive(Debug, Clone)]
+pub struct PositionTable {
+    /// A position's number, or [`Self::FREE`]. A power of two long, at most half full.
+    slots: Vec<u32>,
+    filled: usize,
+}
+
+impl PositionTable {
+    const FREE: u32 = u32::MAX;
+
+    /// A table with room for `positions` different positions; it grows beyond.
+    pub fn with_capacity(positions: usize) -> Self {
+        Self { slots: vec![Self::FREE; (2 * positions).next_power_of_two().max(16)], filled: 0 }
+    }
+
+    /// The number of the first position inserted that equals `positions[candidate]`; `candidate` itself, which is then
+    /// inserted, if there is none. All calls must show the same positions, at least as far as the greatest candidate.
+    pub fn find_or_insert(&mut self, positions: &[DVec3], candidate: u32) -> u32 {
+        if 2 * (self.filled + 1) > self.slots.len() {
+            self.grow(positions);
+        }
+        let p = positions[candidate as usize];
+        if p.is_nan() {
+            return candidate; // equal to nothing, so nobody will look for it
+        }
+        let mask = self.slots.len() - 1;
+        let mut slot = Self::hash(p) as usize & mask;
+        loop {
+            let found = self.slots[slot];
+            if found == Self::FREE {
+                self.slots[slot] = candidate;
+                self.filled += 1;
+                return candidate;
+            }
+            if positions[found as usize] == p {
+                return found;
+            }
+            slot = (slot + 1) & mask;
+        }
+    }
+
+    fn grow(&mut self, positions: &[DVec3]) {
+        let old = std::mem::take(&mut self.slots);
+        self.slots = vec![Self::FREE; 2 * old.len()];
+        let mask = self.slots.len() - 1;
+        for number in old.into_iter().filter(|&number| number != Self::FREE) {
+            let mut slot = Self::hash(positions[number as usize]) as usize & mask;
+            while self.slots[slot] != Self::FREE {
+                slot = (slot + 1) & mask;
+            }
+            self.slots[slot] = number;
+        }
+    }
+
+    /// Spreads positions over 64 bits. Lattices and planes are the common case, and their coordinates differ in few bits,
+    /// so each coordinate passes a full multiply-and-fold.
+    fn hash(p: DVec3) -> u64 {
+        /// An odd number without pattern: 2⁶⁴ divided by the golden ratio.
+        const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
+        let fold = |a: u64, b: u64| {
+            let product = u128::from(a) * u128::from(b);
+            (product as u64) ^ ((product >> 64) as u64)
+        };
+        // Adding +0 turns −0 into +0.
+        (p + DVec3::ZERO).to_array().iter().fold(ODD, |hash, c| fold(hash ^ c.to_bits(), ODD).wrapping_add(ODD))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A unit tetrahedron, every triangle with corners of its own: volume 1/6.
+    fn tetrahedron_soup() -> TriMesh {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let positions: Vec<_> = faces.as_flattened().iter().map(|&v: &usize| corners[v]).collect();
+        TriMesh { positions, triangles: (0..4).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(), colours: None }
+    }
+
+    #[test]
+    fn welding_a_soup_leaves_its_corners_and_its_volume() {
+        let mut mesh = tetrahedron_soup();
+        assert_eq!(mesh.weld(), 8);
+        assert_eq!(mesh.positions.len(), 4);
+        assert!((mesh.signed_volume() - 1.0 / 6.0).abs() < 1e-15);
+        assert_eq!(mesh.weld(), 0);
+    }
+
+    #[test]
+    fn welding_keeps_colours_beside_their_vertices_and_nan_apart() {
+        let nan = DVec3::new(f64::NAN, 0.0, 0.0);
+        let mut mesh = TriMesh {
+            positions: vec![DVec3::X, nan, DVec3::X, DVec3::Y, nan, DVec3::new(0.0, -0.0, 1.0), DVec3::Z],
+            triangles: vec![[2, 3, 6], [0, 1, 4]],
+            colours: Some((0..7).map(|v| [v; 3]).collect()),
+        };
+        assert_eq!(mesh.weld(), 2);
+        assert_eq!(mesh.colours, Some(vec![[0; 3], [1; 3], [3; 3], [4; 3], [5; 3]]));
+        assert_eq!(mesh.triangles, [[0, 2, 4], [0, 1, 3]]);
+    }
+
+    #[test]
+    fn what_nothing_uses_goes() {
+        let mut mesh = tetrahedron_soup();
+        mesh.triangles = vec![[0, 1, 0], [3, 4, 5], [3, 3, 3]];
+        assert_eq!(mesh.drop_degenerate(), 2);
+        assert_eq!(mesh.drop_unreferenced(), 9);
+        assert_eq!(mesh.triangles, [[0, 1, 2]]);
+        assert_eq!(mesh.corners(0), [DVec3::ZERO, DVec3::X, DVec3::Z]);
+        assert_eq!(mesh.count_flat(), 0);
+        mesh.positions[2] = DVec3::X * 5.0;
+        assert_eq!(mesh.count_flat(), 1);
+    }
+
+    #[test]
+    fn the_table_grows_and_finds_a_lattice_again() {
+        let side = 20_u32;
+        let lattice: Vec<DVec3> = (0..side.pow(3))
+            .map(|i| DVec3::new(f64::from(i % side), f64::from(i / side % side), f64::from(i / side / side)))
+            .collect();
+        let twice = [lattice.clone(), lattice.clone()].concat();
+        let mut table = PositionTable::with_capacity(0);
+        for i in 0..twice.len() as u32 {
+            assert_eq!(table.find_or_insert(&twice, i), i % side.pow(3));
+        }
+    }
 }
