@@ -1,1 +1,7 @@
-//! Placeholder docs, filled by the module's change.
+//! Draws a [`LayerSource`](crate::layers::LayerSource) into a picture. Styles see layers and nothing of what made them.
+
+pub mod picture;
+pub mod shaded;
+
+pub use picture::Picture;
+pub use shaded::{Look, shaded};

@@ -12,9 +12,13 @@ use crate::csg::Tree;
 use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Lens};
 
+pub mod colour;
 pub mod framing;
+//pub mod inline_solid;
 pub mod load;
-pub mod toml_file;
+pub mod nearest_name;
+//pub mod toml_file;
+//mod toml_values;
 
 /// Whether a leaf has an inside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

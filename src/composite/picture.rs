@@ -1,0 +1,21 @@
+//! A picture in memory.
+
+/// Linear RGB with straight (not premultiplied) alpha, rows from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// `width · height` pixels: linear red, green, blue, and alpha.
+    pub pixels: Vec<[f32; 4]>,
+    /// Whether the background lets through what a viewer puts behind the picture, so that alpha belongs in its file.
+    pub has_alpha: bool,
+}
+
+impl Picture {
+    /// The pixel at column `x`, row `y`.
+    pub fn at(&self, x: u32, y: u32) -> [f32; 4] {
+        self.pixels[y as usize * self.width as usize + x as usize]
+    }
+}

@@ -1,0 +1,322 @@
+//! The plain style: lit surfaces, transparent ones letting deeper ones through.
+//!
+//! *Practice.* A surface is lit by one directional light (Lambert) and by a hemisphere that is brighter above than below,
+//! so that faces turned from the light still differ; a faint highlight and a faint rim tell round from flat. Both sides of
+//! a surface are lit alike: the normal is turned to the viewer, because a result's back face is as much a surface as its
+//! front. Samples are blended in linear light, each front to back on its own, so that edges between two leaves of one
+//! pixel show neither background nor halo.
+
+use glam::{DVec2, Vec3};
+use rayon::prelude::*;
+
+use super::Picture;
+use crate::layers::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
+use crate::scene::Light;
+use crate::space::{Camera, PixelRect};
+
+/// How the hemisphere's light spreads: from below comes this share of what comes from above.
+const GROUND_SHARE: f32 = 0.45;
+/// Strength of the highlight where the light is mirrored to the eye; faint, as of bone or plaster.
+const HIGHLIGHT: f32 = 0.10;
+/// Sharpness of the highlight (Blinn-Phong exponent): a spot of about 15° around the mirror direction.
+const HIGHLIGHT_EXPONENT: i32 = 32;
+/// Light added at grazing angles, as a share of the surface's colour.
+const RIM: f32 = 0.10;
+/// The rim reaches this far in from a silhouette: Schlick's exponent.
+const RIM_EXPONENT: i32 = 4;
+
+/// What the style needs beside the layers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// The light.
+    pub light: Light,
+    /// Linear RGB and straight alpha behind everything.
+    pub background: [f32; 4],
+}
+
+/// A [`Look`] as one camera sees it.
+#[derive(Debug, Clone)]
+pub struct Shader<'a> {
+    camera: &'a Camera,
+    towards_light: Vec3,
+    ambient: f32,
+}
+
+impl<'a> Shader<'a> {
+    /// For pictures of `camera` under `light`.
+    pub fn new(light: &Light, camera: &'a Camera) -> Self {
+        let towards = if light.in_world { light.towards } else { camera.rotate_to_world(light.towards) };
+        // A light from nowhere comes from the eye.
+        let towards = towards.try_normalize().unwrap_or(-camera.forward);
+        Self { camera, towards_light: towards.as_vec3(), ambient: light.ambient }
+    }
+
+    /// The unit vector from the surface towards the eye at the centre of pixel (`x`, `y`), in world space.
+    pub fn towards_eye(&self, x: u32, y: u32) -> Vec3 {
+        let ray = self.camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        (-ray.dir).normalize().as_vec3()
+    }
+
+    /// Linear RGB of the lit surface at `boundary`, seen from `towards_eye` (world space, unit length).
+    pub fn lit(&self, boundary: &Boundary, towards_eye: Vec3) -> [f32; 3] {
+        let facing_eye = boundary.normal.dot(towards_eye);
+        let normal = if facing_eye < 0.0 { -boundary.normal } else { boundary.normal };
+        let facing_eye = facing_eye.abs().min(1.0);
+        let facing_light = normal.dot(self.towards_light).max(0.0);
+        let up = -self.camera.down.as_vec3();
+        let from_above = 0.5 + 0.5 * normal.dot(up);
+        let hemisphere = self.ambient * (GROUND_SHARE + (1.0 - GROUND_SHARE) * from_above);
+        let diffuse = hemisphere + (1.0 - self.ambient) * facing_light + RIM * (1.0 - facing_eye).powi(RIM_EXPONENT);
+        let between = (self.towards_light + towards_eye).normalize_or_zero();
+        let highlight =
+            if facing_light > 0.0 { HIGHLIGHT * normal.dot(between).max(0.0).powi(HIGHLIGHT_EXPONENT) } else { 0.0 };
+        boundary.colour.map(|c| c * diffuse + highlight)
+    }
+}
+
+/// Draws `source`, tile by tile in parallel; beside the picture only a few tiles are in memory at any time. The same bits
+/// on any number of threads. `on_tile` is called once for each finished tile, from any thread (there are
+/// [`tile_count`]).
+pub fn shaded(source: &dyn LayerSource, look: &Look, on_tile: &(dyn Fn() + Sync)) -> Picture {
+    let camera = source.camera();
+    let (width, height) = (camera.width, camera.height);
+    let shader = Shader::new(&look.light, camera);
+    let samples = source.samples().clamp(1, MAX_SAMPLES);
+    let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
+    let band_length = width as usize * TILE_SIDE as usize;
+    pixels.par_chunks_mut(band_length.max(1)).enumerate().for_each(|(band_index, band)| {
+        let y0 = band_index as u32 * TILE_SIDE;
+        let y1 = (y0 + TILE_SIDE).min(height);
+        let tiles: Vec<(u32, Vec<[f32; 4]>)> = (0..width)
+            .into_par_iter()
+            .step_by(TILE_SIDE as usize)
+            .map(|x0| {
+                let rect = PixelRect { x0, y0, x1: (x0 + TILE_SIDE).min(width), y1 };
+                let drawn = blend_tile(&source.draw(rect), samples, &shader, look.background);
+                on_tile();
+                (x0, drawn)
+            })
+            .collect();
+        for (x0, tile) in tiles {
+            let across = tile.len() / (y1 - y0) as usize;
+            for (row, line) in tile.chunks_exact(across).enumerate() {
+                let start = row * width as usize + x0 as usize;
+                band[start..start + across].copy_from_slice(line);
+            }
+        }
+    });
+    Picture { width, height, pixels, has_alpha: look.background[3] < 1.0 }
+}
+
+/// How many tiles [`shaded`] draws for `camera`.
+pub fn tile_count(camera: &Camera) -> u64 {
+    u64::from(camera.width.div_ceil(TILE_SIDE)) * u64::from(camera.height.div_ceil(TILE_SIDE))
+}
+
+fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Vec<[f32; 4]> {
+    let mut pixels = Vec::with_capacity(tile.rect.area());
+    for y in tile.rect.y0..tile.rect.y1 {
+        for x in tile.rect.x0..tile.rect.x1 {
+            let boundaries = tile.at(x, y);
+            pixels.push(if boundaries.is_empty() {
+                background
+            } else {
+                let towards_eye = shader.towards_eye(x, y);
+                blend(boundaries, samples, background, |boundary| shader.lit(boundary, towards_eye))
+            });
+        }
+    }
+    pixels
+}
+
+/// One pixel: the mean over its samples, each blended front to back over `background`. Linear, straight alpha.
+pub fn blend(
+    boundaries: &[Boundary],
+    samples: u32,
+    background: [f32; 4],
+    mut lit: impl FnMut(&Boundary) -> [f32; 3],
+) -> [f32; 4] {
+    let all = (1u32 << samples) - 1;
+    let mut transmitted = [1.0f32; MAX_SAMPLES as usize];
+    // Samples that still let light through.
+    let mut open = all;
+    let mut light = [0.0f32; 3]; // premultiplied, summed over samples
+    for boundary in boundaries {
+        let seen_by = u32::from(boundary.samples) & open;
+        if seen_by == 0 {
+            continue;
+        }
+        let opacity = boundary.opacity.clamp(0.0, 1.0);
+        let mut weight = 0.0;
+        let mut rest = seen_by;
+        while rest != 0 {
+            let sample = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            weight += transmitted[sample] * opacity;
+            transmitted[sample] *= 1.0 - opacity;
+            if transmitted[sample] <= 0.0 {
+                open &= !(1 << sample);
+            }
+        }
+        let colour = lit(boundary);
+        (0..3).for_each(|c| light[c] += weight * colour[c]);
+        if open == 0 {
+            break;
+        }
+    }
+    let count = samples as f32;
+    let through = transmitted[..samples as usize].iter().sum::<f32>() / count;
+    let [r, g, b, a] = background;
+    let alpha = (1.0 - through) + through * a;
+    if !(alpha > 0.0) {
+        return [0.0; 4];
+    }
+    let mix = |light: f32, behind: f32| (light / count + through * a * behind) / alpha;
+    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::layers::Facing;
+    use crate::space::Lens;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// A source whose pixels are a function of their position.
+    struct Painted<F> {
+        camera: Camera,
+        samples: u32,
+        at: F,
+    }
+
+    impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> LayerSource for Painted<F> {
+        fn camera(&self) -> &Camera {
+            &self.camera
+        }
+        fn samples(&self) -> u32 {
+            self.samples
+        }
+        fn draw(&self, rect: PixelRect) -> LayerTile {
+            let mut tile = LayerTile { rect, offsets: vec![0], boundaries: Vec::new() };
+            for y in rect.y0..rect.y1 {
+                for x in rect.x0..rect.x1 {
+                    tile.boundaries.extend((self.at)(x, y));
+                    tile.offsets.push(tile.boundaries.len() as u32);
+                }
+            }
+            tile
+        }
+    }
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, Lens::Height(2.0), width, height).unwrap()
+    }
+
+    fn boundary(depth: f32, colour: [f32; 3], opacity: f32, samples: u16) -> Boundary {
+        let normal = Vec3::NEG_Y;
+        Boundary { depth, normal, colour, opacity, leaf: 0, body: 0, facing: Facing::Front, samples }
+    }
+
+    const RED: [f32; 3] = [1.0, 0.0, 0.0];
+    const GREEN: [f32; 3] = [0.0, 1.0, 0.0];
+    const WHITE: [f32; 4] = [1.0; 4];
+    const CLEAR: [f32; 4] = [0.0; 4];
+    /// One step of an 8-bit picture.
+    const STEP: f32 = 1.0 / 255.0;
+
+    fn unlit(boundary: &Boundary) -> [f32; 3] {
+        boundary.colour
+    }
+
+    fn assert_near(got: [f32; 4], wanted: [f32; 4]) {
+        assert!(got.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < STEP), "{got:?} instead of {wanted:?}");
+    }
+
+    #[test]
+    fn transparent_surfaces_blend_as_the_formula_says() {
+        let front = boundary(1.0, RED, 0.5, 1);
+        let back = boundary(2.0, GREEN, 0.25, 1);
+        // c = a₁c₁ + (1−a₁)(a₂c₂ + (1−a₂)b), over white.
+        assert_near(blend(&[front, back], 1, WHITE, unlit), [0.875, 0.5, 0.375, 1.0]);
+        // Over nothing: alpha = 1 − (1−a₁)(1−a₂), colour divided by it.
+        let alpha = 1.0 - 0.5 * 0.75;
+        assert_near(blend(&[front, back], 1, CLEAR, unlit), [0.5 / alpha, 0.125 / alpha, 0.0, alpha]);
+        // Over a half-transparent background.
+        let half_blue = [0.0, 0.0, 1.0, 0.5];
+        assert_near(blend(&[boundary(1.0, RED, 0.5, 1)], 1, half_blue, unlit), [0.5 / 0.75, 0.0, 0.25 / 0.75, 0.75]);
+    }
+
+    #[test]
+    fn samples_are_blended_each_on_its_own() {
+        let left = boundary(1.0, RED, 1.0, 0b0011);
+        let right = boundary(2.0, GREEN, 1.0, 0b1100);
+        // Two leaves share the pixel: no background between them.
+        assert_near(blend(&[left, right], 4, WHITE, unlit), [0.5, 0.5, 0.0, 1.0]);
+        // A deeper boundary of all samples shows only where the first is not.
+        assert_near(blend(&[left, boundary(2.0, GREEN, 1.0, 0b1111)], 4, WHITE, unlit), [0.5, 0.5, 0.0, 1.0]);
+        // A silhouette: half of the pixel is background.
+        assert_near(blend(&[left], 4, WHITE, unlit), [1.0, 0.5, 0.5, 1.0]);
+        assert_near(blend(&[left], 4, CLEAR, unlit), [1.0, 0.0, 0.0, 0.5]);
+        // Every bit, at the most samples there are.
+        assert_near(blend(&[boundary(1.0, RED, 1.0, u16::MAX)], MAX_SAMPLES, CLEAR, unlit), [1.0, 0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn nothing_is_background_and_opaque_hides_what_is_deeper() {
+        assert_eq!(blend(&[], 4, CLEAR, unlit), CLEAR);
+        assert_eq!(blend(&[], 4, WHITE, unlit), WHITE);
+        let mut asked = 0;
+        let hidden = boundary(2.0, GREEN, 1.0, 1);
+        let got = blend(&[boundary(1.0, RED, 1.0, 1), hidden], 1, WHITE, |b| {
+            asked += 1;
+            b.colour
+        });
+        assert_eq!((got, asked), ([1.0, 0.0, 0.0, 1.0], 1));
+    }
+
+    #[test]
+    fn every_pixel_lands_in_its_place_whatever_the_tiles() {
+        // Neither side is a multiple of the tile's.
+        let (width, height) = (150, 70);
+        let at = |x: u32, y: u32| {
+            let colour = [x as f32 / 256.0, y as f32 / 256.0, 0.0];
+            if (x + y) % 3 == 0 { Vec::new() } else { vec![boundary(1.0, colour, 1.0, 1)] }
+        };
+        let source = Painted { camera: camera(width, height), samples: 1, at };
+        // Light from everywhere alone: a surface seen head on shows its colour times the hemisphere's middle.
+        let light = Light { towards: DVec3::Z, in_world: true, ambient: 1.0 };
+        let tiles = AtomicU64::new(0);
+        let count = || {
+            tiles.fetch_add(1, Ordering::Relaxed);
+        };
+        let picture = shaded(&source, &Look { light, background: CLEAR }, &count);
+        assert_eq!(tiles.into_inner(), tile_count(&source.camera));
+        let middle = GROUND_SHARE + 0.5 * (1.0 - GROUND_SHARE);
+        for y in 0..height {
+            for x in 0..width {
+                let wanted = match at(x, y).first() {
+                    None => CLEAR,
+                    Some(b) => [b.colour[0] * middle, b.colour[1] * middle, 0.0, 1.0],
+                };
+                assert_near(picture.at(x, y), wanted);
+            }
+        }
+    }
+
+    #[test]
+    fn both_sides_of_a_surface_are_lit_alike_and_the_lit_side_is_brighter() {
+        let camera = camera(8, 8);
+        let light = Light { towards: DVec3::new(-1.0, -1.0, 1.0), in_world: true, ambient: 0.2 };
+        let shader = Shader::new(&light, &camera);
+        let eye = shader.towards_eye(4, 4);
+        let lit = |normal: Vec3| shader.lit(&Boundary { normal, ..boundary(1.0, [0.5; 3], 1.0, 1) }, eye)[0];
+        assert_eq!(lit(Vec3::NEG_Y), lit(Vec3::Y));
+        let tilted = |x: f32| lit(Vec3::new(x, -1.0, 0.0).normalize());
+        assert!(tilted(-0.5) > tilted(0.5));
+        // Away from the light, up is still brighter than down.
+        let away = |z: f32| lit(Vec3::new(0.99, -0.1, z).normalize());
+        assert!(away(0.1) > away(-0.1));
+    }
+}
