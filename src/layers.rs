@@ -212,6 +212,31 @@ impl LayerStack {
         Self { camera, samples: source.samples(), tiles }
     }
 
+    /// A stack whose every pixel `(column, row)` holds what `boundaries_at` returns, front to back: for pictures that do
+    /// not come from a pipeline, such as those with a known answer.
+    pub fn from_fn(camera: Camera, samples: u32, boundaries_at: impl Fn(u32, u32) -> Vec<Boundary> + Sync) -> Self {
+        struct ByPixel<F>(Camera, u32, F);
+        impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> LayerSource for ByPixel<F> {
+            fn camera(&self) -> &Camera {
+                &self.0
+            }
+            fn samples(&self) -> u32 {
+                self.1
+            }
+            fn draw(&self, rect: PixelRect) -> LayerTile {
+                let mut tile = LayerTile { rect, offsets: vec![0], boundaries: Vec::new() };
+                for y in rect.y0..rect.y1 {
+                    for x in rect.x0..rect.x1 {
+                        tile.boundaries.extend((self.2)(x, y));
+                        tile.offsets.push(tile.boundaries.len() as u32);
+                    }
+                }
+                tile
+            }
+        }
+        Self::collect(&ByPixel(camera, samples, boundaries_at))
+    }
+
     /// The boundaries of the pixel at column `x`, row `y`, front to back.
     pub fn at(&self, x: u32, y: u32) -> &[Boundary] {
         let across = self.camera.width.div_ceil(TILE_SIDE);
