@@ -37,6 +37,7 @@ pub struct Model {
     pub classes: Vec<LeafClasses>,
     /// `statuses[a][b]`: how the surfels of a lie to b.
     statuses: Vec<Vec<Option<PairStatus>>>,
+    positive_leaves: Vec<LeafId>,
 }
 
 impl Model {
@@ -47,7 +48,15 @@ impl Model {
         let statuses = pairs::all_pairs(&by_leaf);
         let classes =
             (0..fields.len()).map(|a| LeafClasses::of(&tree, LeafId(a as u32), &by_leaf, &statuses[a])).collect();
-        Self { tree, fields, looks, classes, statuses }
+        let mut positive_leaves: Vec<LeafId> = tree.literals().filter(|l| !l.negated).map(|l| l.leaf).collect();
+        positive_leaves.sort_unstable();
+        positive_leaves.dedup();
+        Self { tree, fields, looks, classes, statuses, positive_leaves }
+    }
+
+    /// The leaves that occur uncomplemented in the positive form: those whose material the result is made of.
+    pub fn positive_leaves(&self) -> &[LeafId] {
+        &self.positive_leaves
     }
 
     /// Replaces leaf `moved` and classifies again what that touches: its own surfels, and those of the leaves whose

@@ -15,7 +15,7 @@
 use glam::DVec3;
 
 /// Elements a leaf of the tree.
-const LEAF: usize = 64;
+const LEAF: usize = 8;
 
 /// A cluster acts as one dipole from beyond this many of its radii (Barill 2018 §3.3: 2 gives about 1 % error).
 const FAR: f64 = 2.0;
@@ -78,24 +78,31 @@ impl Winding {
     /// The winding number at `p_in_world`.
     pub fn at(&self, p_in_world: DVec3) -> f64 {
         let mut sum = 0.0;
-        let mut stack = vec![1_usize];
-        while let Some(node) = stack.pop() {
+        // Each level of the tree leaves at most one node waiting.
+        let mut stack = [0_usize; usize::BITS as usize + 1];
+        stack[0] = 1;
+        let mut waiting = 1;
+        while waiting > 0 {
+            waiting -= 1;
+            let node = stack[waiting];
             let cluster = &self.clusters[node];
             let to = cluster.centre - p_in_world;
             let distance = to.length();
             if distance > FAR * cluster.radius && distance > 0.0 {
-                sum += cluster.area_normal.dot(to) / distance.powi(3);
+                sum += cluster.area_normal.dot(to) / (distance * distance * distance);
             } else if node >= self.leaves {
                 let first = (node - self.leaves) * LEAF;
                 for e in &self.elements[first.min(self.elements.len())..(first + LEAF).min(self.elements.len())] {
                     let to = e.position - p_in_world;
-                    let cubed = to.length().powi(3);
-                    if cubed > 0.0 {
-                        sum += e.area_normal.dot(to) / cubed;
+                    let squared = to.length_squared();
+                    if squared > 0.0 {
+                        sum += e.area_normal.dot(to) / (squared * squared.sqrt());
                     }
                 }
             } else {
-                stack.extend([2 * node, 2 * node + 1]);
+                stack[waiting] = 2 * node;
+                stack[waiting + 1] = 2 * node + 1;
+                waiting += 2;
             }
         }
         sum / (4.0 * std::f64::consts::PI)

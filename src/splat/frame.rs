@@ -287,7 +287,11 @@ impl LayerSource for Frame<'_> {
             }
             let runs: Vec<Run<'_>> = runs
                 .iter()
-                .map(|&(leaf, start, end)| Run { leaf, members: &blocks.members[start as usize..end as usize] })
+                .map(|&(leaf, start, end)| {
+                    let members = &blocks.members[start as usize..end as usize];
+                    let entering = members.partition_point(|&m| tile.surfels[m as usize].may_enter);
+                    Run { leaf, members, entering }
+                })
                 .collect();
             let corner = (block as u32 % blocks.across * BLOCK, block as u32 / blocks.across * BLOCK);
             let pixel_of = |lane: u32, row: u32| -> Option<usize> {

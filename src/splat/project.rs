@@ -57,6 +57,8 @@ pub struct ViewSurfel {
     pub reach: f32,
     /// Least depth of the support ball minus the tile's anchor depth.
     pub near: f32,
+    /// Greatest depth of the support ball minus the tile's anchor depth.
+    pub far: f32,
     /// First row of pixel centres (tile-relative) that the ball may touch.
     pub top: f32,
     /// Last such row.
@@ -221,6 +223,7 @@ impl View {
             radius: surfel.radius,
             reach: grouping_reach(surfel.radius, cosine),
             near: (c.z - radius - anchor) as f32,
+            far: (c.z + radius - anchor) as f32,
             top: (bounds.top - corner_y) as f32,
             bottom: (bounds.bottom - corner_y) as f32,
             left: (bounds.left - corner_x) as f32,

@@ -72,6 +72,19 @@ impl<S: Simd> Row<S> {
         f32x8::splat(self.simd, v)
     }
 
+    /// Least and greatest of `t` over `lanes`.
+    #[inline(always)]
+    fn span(&self, t: f32x8<S>, lanes: mask32x8<S>) -> (f32, f32) {
+        let least = lanes.select(t, self.splat(f32::INFINITY)).reduce_min();
+        (least, lanes.select(t, self.splat(f32::NEG_INFINITY)).reduce_max())
+    }
+
+    /// Whether the ball of `s` keeps clear of the row between two depths.
+    #[inline(always)]
+    fn misses(&self, s: &ViewSurfel, span: (f32, f32)) -> bool {
+        self.y < s.top || self.y > s.bottom || s.near > span.1 || s.far < span.0
+    }
+
     #[inline(always)]
     fn quadric(&self, s: &ViewSurfel) -> Quadric<S> {
         let m = &s.curvature;
@@ -144,7 +157,7 @@ pub struct Detection {
     pub nearest_only: bool,
 }
 
-/// Finds the surfaces of one leaf that the row's rays meet, into `slots` (cleared first).
+/// Adds the surfaces of one leaf that the row's rays meet to `slots`.
 ///
 /// `hidden_from` bounds, per lane, the depth from which on nothing can be seen any more; it is drawn nearer by surface
 /// surfels if `nearest_only`.
@@ -157,7 +170,6 @@ pub fn detect<S: Simd>(
     hidden_from: &mut f32x8<S>,
     slots: &mut Vec<Slot<S>>,
 ) {
-    slots.clear();
     let mut farthest = hidden_from.reduce_max();
     for &member in members {
         let s = &surfels[member as usize];
@@ -287,6 +299,7 @@ pub fn solve<S: Simd>(
     slot: &Slot<S>,
     wanted: mask32x8<S>,
     refine: u32,
+    reaching: &mut Vec<u32>,
 ) -> Solution<S> {
     let zero = row.splat(0.0);
     let start = slot.depth();
@@ -294,10 +307,11 @@ pub fn solve<S: Simd>(
     // Step 1: the quadratic about the mean candidate.
     let (mut a0, mut a1, mut a2, mut weight) = (zero, zero, zero, zero);
     let (mut normal, mut slope, mut colour, mut opacity) = ([zero; 3], [zero; 3], [zero; 3], zero);
-    let reaching = lanes.select(start, row.splat(f32::NEG_INFINITY)).reduce_max();
+    reaching.clear();
+    let span = row.span(start, lanes);
     for &member in members {
         let s = &surfels[member as usize];
-        if row.y < s.top || row.y > s.bottom || s.near > reaching {
+        if row.misses(s, span) {
             continue;
         }
         let q = row.quadric(s);
@@ -307,6 +321,7 @@ pub fn solve<S: Simd>(
         if counts.all_false() {
             continue;
         }
+        reaching.push(member);
         let w = counts.select(f.weight(row), zero);
         weight = weight + w;
         a0 = a0 + w * counts.select(f.value, zero);
@@ -328,18 +343,15 @@ pub fn solve<S: Simd>(
     lanes = lanes & square.simd_ge(0.0) & sign_right & near & weight.simd_gt(LEAST_WEIGHT);
     let mut t = start + tau;
     let normal: [f32x8<S>; 3] = std::array::from_fn(|k| normal[k] + slope[k] * tau);
-    // Step 2: Newton steps on the field, weights renewed. A step that diverges keeps the hit it had.
+    // Step 2: Newton steps on the field, weights renewed, over the surfels that reached the first guess: one that only
+    // reaches the hit has next to no weight there. A step that diverges keeps the hit it had.
     for _ in 0..refine {
         if lanes.all_false() {
             break;
         }
         let (mut value, mut rate, mut total) = (zero, zero, zero);
-        let reaching = lanes.select(t, row.splat(f32::NEG_INFINITY)).reduce_max();
-        for &member in members {
+        for &member in reaching.iter() {
             let s = &surfels[member as usize];
-            if row.y < s.top || row.y > s.bottom || s.near > reaching {
-                continue;
-            }
             let q = row.quadric(s);
             let f = field(row, s, &q, t);
             let faces = if slot.front { f.slope.simd_lt(0.0) } else { f.slope.simd_gt(0.0) };
@@ -409,10 +421,10 @@ pub fn ask<S: Simd>(
 ) -> (f32x8<S>, mask32x8<S>) {
     let zero = row.splat(0.0);
     let (mut value, mut weight) = (zero, zero);
-    let reaching = lanes.select(t, row.splat(f32::NEG_INFINITY)).reduce_max();
+    let span = row.span(t, lanes);
     for &member in members {
         let s = &surfels[member as usize];
-        if row.y < s.top || row.y > s.bottom || s.near > reaching {
+        if row.misses(s, span) {
             continue;
         }
         let tau = t - s.z;

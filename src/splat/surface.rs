@@ -75,17 +75,20 @@ pub struct Run<'a> {
     pub leaf: LeafId,
     /// Positions in [`Tile::surfels`].
     pub members: &'a [u32],
+    /// How many of `members`, from the first, rays can enter the leaf through.
+    pub entering: usize,
 }
 
 /// Reused between rows.
 pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
     found: Vec<(u32, f32)>,
+    reaching: Vec<u32>,
 }
 
 impl<S: Simd> Default for Scratch<S> {
     fn default() -> Self {
-        Self { slots: Vec::new(), found: Vec::new() }
+        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new() }
     }
 }
 
@@ -117,14 +120,25 @@ pub fn trace_row<S: Simd>(
         let field = &tile.model.fields[run.leaf.0 as usize];
         let how = Detection { generous: field.exact.is_some(), nearest_only: nearest_only && field.exact.is_none() };
         let mut slots = std::mem::take(&mut scratch.slots);
-        rows::detect(&row, &tile.surfels, run.members, how, &mut hidden_from, &mut slots);
-        // Nearest first, so that a visible surface saves the solving of those behind it.
-        if nearest_only && slots.len() > 1 {
-            let key = |s: &Slot<S>| s.lanes.select(s.depth(), f32x8::splat(simd, f32::INFINITY)).reduce_min();
-            slots.sort_by(|a, b| key(a).total_cmp(&key(b)));
-        }
-        for slot in &slots {
-            resolve(&row, tile, runs, run, slot, nearest_only, &mut hidden_from, (x0, y, offset), scratch, &mut met);
+        slots.clear();
+        // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
+        let (entering, leaving) = run.members.split_at(run.entering);
+        for (front, members) in [(true, entering), (false, leaving)] {
+            rows::detect(&row, &tile.surfels, members, how, &mut hidden_from, &mut slots);
+            for slot in slots.iter().filter(|slot| slot.front == front) {
+                resolve(
+                    &row,
+                    tile,
+                    runs,
+                    run,
+                    slot,
+                    nearest_only,
+                    &mut hidden_from,
+                    (x0, y, offset),
+                    scratch,
+                    &mut met,
+                );
+            }
         }
         scratch.slots = slots;
     }
@@ -213,7 +227,9 @@ fn resolve<S: Simd>(
         t = depth;
     } else {
         let steps = if any_edge { EDGE_STEPS } else { 0 };
-        let solution = rows::solve(row, &tile.surfels, run.members, slot, visible, steps);
+        // A surfel that rays cannot enter through weighs on no surface that they enter.
+        let members = if slot.front { &run.members[..run.entering] } else { run.members };
+        let solution = rows::solve(row, &tile.surfels, members, slot, visible, steps, &mut scratch.reaching);
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
         lanes = (solution.lanes & ahead).to_bitmask();
@@ -358,10 +374,6 @@ fn body_behind(
     lane: usize,
     found: &mut Vec<(u32, f32)>,
 ) -> u32 {
-    let mut candidates: Vec<LeafId> =
-        tile.model.tree.literals().filter(|l| !l.negated && l.leaf != own).map(|l| l.leaf).collect();
-    candidates.sort_unstable();
-    candidates.dedup();
     let holds = |leaf: &LeafId| match tile.model.status(own, surfel, *leaf) {
         Membership::In => true,
         Membership::Out => false,
@@ -371,7 +383,8 @@ fn body_behind(
         }
     };
     let mut holds = holds;
-    candidates.iter().find(|l| holds(l)).map_or(own.0, |l| l.0)
+    let mut candidates = tile.model.positive_leaves().iter().filter(|&&leaf| leaf != own);
+    candidates.find(|l| holds(l)).map_or(own.0, |l| l.0)
 }
 
 /// Sorts a ray's hits and drops what two groups found twice.
