@@ -215,7 +215,7 @@ impl<'a> BlendField<'a> {
         let covered = |kept: &Kept, centre: DVec3, half_diagonal: f64| {
             cover > half_diagonal && kept.any_within(centre, cover - half_diagonal)
         };
-        let mut kept = Kept::new(cover);
+        let mut kept = Kept::new(self.balls[0].centre, cover);
         self.cells_near_surface(side, &mut kept, &covered, &mut |kept, centre, f, gradient| {
             // One Newton step tells well enough whether another sample is near.
             let about = centre - gradient * (f / gradient.length_squared());
@@ -297,6 +297,8 @@ const APART: f64 = super::COVER - HALF_DIAGONAL * CELL;
 
 /// Points in cubes of side `2 · reach`, so that whatever is within `reach` of a place is in the 8 cubes nearest to it.
 struct Kept {
+    /// Where a cube's corner is: near the points, however far they are from the leaf's origin.
+    origin: DVec3,
     reach: f64,
     /// The last point added to each cube, and for each point the one added to its cube before.
     last: HashMap<IVec3, u32, BuildHasherDefault<CubeHasher>>,
@@ -306,19 +308,20 @@ struct Kept {
 impl Kept {
     const NONE: u32 = u32::MAX;
 
-    fn new(reach: f64) -> Self {
-        Self { reach, last: HashMap::default(), points: Vec::new() }
+    fn new(origin: DVec3, reach: f64) -> Self {
+        Self { origin, reach, last: HashMap::default(), points: Vec::new() }
     }
 
     fn add(&mut self, p: DVec3) {
         let index = self.points.len() as u32;
-        let before = self.last.insert((p / (2.0 * self.reach)).floor().as_ivec3(), index).unwrap_or(Self::NONE);
+        let before =
+            self.last.insert(((p - self.origin) / (2.0 * self.reach)).floor().as_ivec3(), index).unwrap_or(Self::NONE);
         self.points.push((p, before));
     }
 
     /// Whether a point is within `distance`, which is at most `reach`, of `p`.
     fn any_within(&self, p: DVec3, distance: f64) -> bool {
-        let first = (p / (2.0 * self.reach) - 0.5).floor().as_ivec3();
+        let first = ((p - self.origin) / (2.0 * self.reach) - 0.5).floor().as_ivec3();
         (0..8).any(|corner| {
             let cube = first + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
             let mut next = self.last.get(&cube).copied().unwrap_or(Self::NONE);
