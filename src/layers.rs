@@ -103,16 +103,25 @@ impl LayerTile {
         Self { rect, offsets: vec![0; rect.area() + 1], boundaries: Vec::new() }
     }
 
-    /// From each pixel's boundaries, front to back, pixels row by row; there are `rect.area()` of them.
-    pub fn from_pixels(rect: PixelRect, pixels: Vec<Vec<Boundary>>) -> Self {
-        debug_assert_eq!(pixels.len(), rect.area());
-        let mut tile = Self { rect, offsets: Vec::with_capacity(pixels.len() + 1), boundaries: Vec::new() };
-        tile.offsets.push(0);
-        for mut pixel in pixels {
-            tile.boundaries.append(&mut pixel);
-            tile.offsets.push(tile.boundaries.len() as u32);
+    /// From boundaries with the pixels they belong to, counted row by row from the rectangle's corner. Pixels may come in
+    /// any order; a pixel's own boundaries come front to back.
+    pub fn from_placed(rect: PixelRect, placed: &[(u32, Boundary)]) -> Self {
+        let mut offsets = vec![0_u32; rect.area() + 1];
+        for (pixel, _) in placed {
+            offsets[*pixel as usize + 1] += 1;
         }
-        tile
+        for i in 1..offsets.len() {
+            offsets[i] += offsets[i - 1];
+        }
+        let Some(&(_, any)) = placed.first() else { return Self::empty(rect) };
+        let mut boundaries = vec![any; placed.len()];
+        let mut next = offsets.clone();
+        for (pixel, boundary) in placed {
+            let place = &mut next[*pixel as usize];
+            boundaries[*place as usize] = *boundary;
+            *place += 1;
+        }
+        Self { rect, offsets, boundaries }
     }
 
     /// The boundaries of the pixel at column `x`, row `y` of the *picture*, front to back.

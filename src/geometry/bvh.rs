@@ -291,6 +291,30 @@ impl MeshBvh {
         best
     }
 
+    /// Calls `each` for every crossing with |t| ≤ `reach`, in no order.
+    pub fn intersect_within(&self, origin: DVec3, dir: DVec3, reach: f64, each: &mut dyn FnMut(MeshHit)) {
+        let Some(line) = Line::new(origin - self.origin, dir) else { return };
+        let touches =
+            |node: usize| line.meet(self.node_box(node)).is_some_and(|(from, to)| from <= reach && to >= -reach);
+        let mut stack = Vec::with_capacity(64);
+        stack.extend(touches(0).then_some(0));
+        while let Some(index) = stack.pop() {
+            let node = &self.tree.nodes[index];
+            if node.is_leaf() {
+                for triangle in self.triangles_of(index) {
+                    if let Some((hit, _)) = self.cross(&line, triangle)
+                        && hit.t.abs() <= reach
+                    {
+                        each(hit);
+                    }
+                }
+            } else {
+                let children = [node.first_index as usize, node.first_index as usize + 1];
+                stack.extend(children.into_iter().filter(|&child| touches(child)));
+            }
+        }
+    }
+
     /// All crossings in no order; returns whether none was exactly on an edge.
     fn collect(&self, origin: DVec3, dir: DVec3, hits: &mut Vec<MeshHit>) -> bool {
         hits.clear();

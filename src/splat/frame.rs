@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::project::{LeafLook, View, ViewSurfel};
 use super::rows::LANES;
-use super::surface::{self, Hit, Run, Scratch, Tile};
+use super::surface::{self, Hit, Run, Scratch, SideCache, Tile};
 use crate::classify::Model;
 use crate::csg::LeafId;
 use crate::layers::{Boundary, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
@@ -242,6 +242,7 @@ fn trace_block<S: Simd>(
     runs: &[Run<'_>],
     corner: (u32, u32),
     offset: DVec2,
+    sides: &mut SideCache,
     out: &mut BlockHits,
 ) {
     out.hits.clear();
@@ -250,7 +251,7 @@ fn trace_block<S: Simd>(
     let mut lanes: [Vec<Hit>; LANES] = Default::default();
     for y in corner.1..corner.1 + BLOCK {
         if y < tile.rect.height() {
-            surface::trace_row(simd, tile, runs, corner.0, y, offset, &mut scratch, &mut lanes);
+            surface::trace_row(simd, tile, runs, (corner.0, y, offset), sides, &mut scratch, &mut lanes);
         } else {
             lanes.iter_mut().for_each(Vec::clear);
         }
@@ -278,7 +279,8 @@ impl LayerSource for Frame<'_> {
         let blocks = Blocks::of(&tile, &leaves);
         let offsets = sample_offsets(self.samples);
         let centre = DVec2::splat(0.5);
-        let mut records: Vec<Vec<Boundary>> = vec![Vec::new(); rect.area()];
+        let mut placed: Vec<(u32, Boundary)> = Vec::with_capacity(rect.area());
+        let mut sides = SideCache::new(self.model.fields.len());
         let mut traced = BlockHits::default();
         let all = ((1_u32 << self.samples) - 1) as u16;
         for (block, runs) in blocks.runs.iter().enumerate() {
@@ -294,9 +296,9 @@ impl LayerSource for Frame<'_> {
                 })
                 .collect();
             let corner = (block as u32 % blocks.across * BLOCK, block as u32 / blocks.across * BLOCK);
-            let pixel_of = |lane: u32, row: u32| -> Option<usize> {
+            let pixel_of = |lane: u32, row: u32| -> Option<u32> {
                 let (x, y) = (corner.0 + lane, corner.1 + row);
-                (x < rect.width() && y < rect.height()).then_some((y * rect.width() + x) as usize)
+                (x < rect.width() && y < rect.height()).then_some(y * rect.width() + x)
             };
             let record = |hit: &Hit, samples: u16| Boundary {
                 depth: (tile.anchor + f64::from(hit.t)) as f32,
@@ -308,12 +310,12 @@ impl LayerSource for Frame<'_> {
                 facing: hit.facing,
                 samples,
             };
-            dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, centre, &mut traced));
+            dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, centre, &mut sides, &mut traced));
             let live = |pixel: &usize| pixel_of(*pixel as u32 % BLOCK, *pixel as u32 / BLOCK).is_some();
             if self.samples == 1 || is_uniform((0..(BLOCK * BLOCK) as usize).filter(live).map(|p| traced.of(p))) {
                 for pixel in 0..(BLOCK * BLOCK) as usize {
                     if let Some(place) = pixel_of(pixel as u32 % BLOCK, pixel as u32 / BLOCK) {
-                        records[place].extend(traced.of(pixel).iter().map(|hit| record(hit, all)));
+                        placed.extend(traced.of(pixel).iter().map(|hit| (place, record(hit, all))));
                     }
                 }
                 continue;
@@ -321,18 +323,18 @@ impl LayerSource for Frame<'_> {
             // An edge runs through the block: every sample for itself.
             let mut merging: Vec<SampleMerger> = vec![SampleMerger::default(); (BLOCK * BLOCK) as usize];
             for (sample, offset) in offsets.iter().enumerate() {
-                dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, *offset, &mut traced));
+                dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, *offset, &mut sides, &mut traced));
                 for (pixel, merger) in merging.iter_mut().enumerate() {
                     merger.add(traced.of(pixel).iter().map(|hit| record(hit, 1 << sample)));
                 }
             }
             for (pixel, merger) in merging.into_iter().enumerate() {
                 if let Some(place) = pixel_of(pixel as u32 % BLOCK, pixel as u32 / BLOCK) {
-                    records[place].extend(merger.finish());
+                    placed.extend(merger.finish().into_iter().map(|boundary| (place, boundary)));
                 }
             }
         }
-        LayerTile::from_pixels(rect, records)
+        LayerTile::from_placed(rect, &placed)
     }
 }
 

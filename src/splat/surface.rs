@@ -22,7 +22,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::project::{View, ViewSurfel};
 use super::rows::{self, Detection, LANES, Row, Slot};
-use crate::classify::{Drawn, Model};
+use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
 use crate::layers::{Facing, LayerLimit};
@@ -92,30 +92,55 @@ impl<S: Simd> Default for Scratch<S> {
     }
 }
 
-/// What the rays of one row have met so far.
-struct Met {
-    hits: [Vec<Hit>; LANES],
+/// The side of points that no surfel of a leaf reaches, remembered by leaf: the surface keeps its distance from the point
+/// that was last asked about, so every point closer to that one is on the same side.
+pub struct SideCache {
+    last: Vec<Option<(DVec3, f64, bool)>>,
 }
 
-/// Traces eight rays of the tile: pixel columns `x0..x0 + 8`, row `y` (tile-relative), at sub-pixel `offset`. Hits are
-/// handed to `emit(lane, hits)` front to back.
+impl SideCache {
+    /// For a scene of `leaves` leaves.
+    pub fn new(leaves: usize) -> Self {
+        Self { last: vec![None; leaves] }
+    }
+
+    /// Whether `p_in_world`, which no surfel of `leaf` reaches, is inside it.
+    fn inside(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> bool {
+        let known = &mut self.last[leaf.0 as usize];
+        if let Some((from, clearance, side)) = *known
+            && p_in_world.distance_squared(from) < clearance * clearance
+        {
+            return side;
+        }
+        let Some((nearest, distance)) = field.search.nearest_in_world(p_in_world) else { return false };
+        let side = field.far_inside(p_in_world, nearest);
+        // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
+        const COVERED_SHARE: f64 = 0.8;
+        let clearance = f64::from(distance) - COVERED_SHARE * f64::from(field.largest_radius());
+        *known = Some((p_in_world, clearance.max(0.0), side));
+        side
+    }
+}
+
+/// Where a row is traced: first column and row, tile-relative, and the place within the pixel.
+pub type At = (u32, u32, DVec2);
+
+/// Traces eight rays of the tile from `at` on. `hits[lane]` are what each meets, front to back.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub fn trace_row<S: Simd>(
     simd: S,
     tile: &Tile<'_>,
     runs: &[Run<'_>],
-    x0: u32,
-    y: u32,
-    offset: DVec2,
+    at: At,
+    cache: &mut SideCache,
     scratch: &mut Scratch<S>,
     hits: &mut [Vec<Hit>; LANES],
 ) {
-    let row = row_of(simd, tile, x0, y, offset);
+    let row = row_of(simd, tile, at.0, at.1, at.2);
     hits.iter_mut().for_each(Vec::clear);
     let nearest_only = tile.limit == LayerLimit::Nearest;
     let mut hidden_from = f32x8::splat(simd, f32::INFINITY);
-    let mut met = Met { hits: std::mem::take(hits) };
     for run in runs {
         let field = &tile.model.fields[run.leaf.0 as usize];
         let how = Detection { generous: field.exact.is_some(), nearest_only: nearest_only && field.exact.is_none() };
@@ -126,23 +151,11 @@ pub fn trace_row<S: Simd>(
         for (front, members) in [(true, entering), (false, leaving)] {
             rows::detect(&row, &tile.surfels, members, how, &mut hidden_from, &mut slots);
             for slot in slots.iter().filter(|slot| slot.front == front) {
-                resolve(
-                    &row,
-                    tile,
-                    runs,
-                    run,
-                    slot,
-                    nearest_only,
-                    &mut hidden_from,
-                    (x0, y, offset),
-                    scratch,
-                    &mut met,
-                );
+                resolve(&row, tile, runs, run, slot, nearest_only, &mut hidden_from, at, cache, scratch, hits);
             }
         }
         scratch.slots = slots;
     }
-    *hits = met.hits;
     for lane in hits.iter_mut() {
         finish_lane(lane, nearest_only);
     }
@@ -173,7 +186,7 @@ fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> 
 }
 
 /// The world-space ray of one lane.
-fn ray_of(tile: &Tile<'_>, at: (u32, u32, DVec2), lane: usize) -> Ray {
+fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
     let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
     tile.view.camera.ray(px)
 }
@@ -189,9 +202,10 @@ fn resolve<S: Simd>(
     slot: &Slot<S>,
     nearest_only: bool,
     hidden_from: &mut f32x8<S>,
-    at: (u32, u32, DVec2),
+    at: At,
+    cache: &mut SideCache,
     scratch: &mut Scratch<S>,
-    met: &mut Met,
+    hits: &mut [Vec<Hit>; LANES],
 ) {
     let field = &tile.model.fields[run.leaf.0 as usize];
     let best: [u32; LANES] = slot.best.into();
@@ -200,6 +214,7 @@ fn resolve<S: Simd>(
         return;
     }
     let class_of = |lane: usize| tile.surfels[best[lane] as usize].class;
+    let index_of = |lane: usize| tile.surfels[best[lane] as usize].index as usize;
     // Step 1: where each ray meets the surface.
     let any_edge = (0..LANES).any(|lane| slot.lanes.test(lane) && class_of(lane).is_edge());
     let mut lanes = 0_u64;
@@ -247,7 +262,7 @@ fn resolve<S: Simd>(
         return;
     }
     // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
-    let mut crossings: [Option<Crossing>; LANES] = [None; LANES];
+    let mut crossings: [Option<(Crossing, u32)>; LANES] = [None; LANES];
     let mut pending = lanes;
     while pending != 0 {
         let first = pending.trailing_zeros() as usize;
@@ -259,7 +274,11 @@ fn resolve<S: Simd>(
             None => {}
             Some(Drawn::Surface(crossing)) => {
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    crossings[lane] = Some(crossing);
+                    let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                        let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+                        tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
+                    });
+                    crossings[lane] = Some((crossing, body));
                 }
             }
             Some(Drawn::Edge(number)) => {
@@ -267,7 +286,7 @@ fn resolve<S: Simd>(
                 let mut inside = [0_u64; LANES];
                 let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
                 for (place, near) in residual.near.iter().enumerate() {
-                    let bits = sides(row, tile, runs, *near, &t, mask, at, &mut scratch.found);
+                    let bits = sides(row, tile, runs, *near, &t, mask, at, cache);
                     if place < 64 {
                         for (lane, word) in inside.iter_mut().enumerate() {
                             *word |= (bits >> lane & 1) << place;
@@ -277,9 +296,21 @@ fn resolve<S: Simd>(
                     }
                 }
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    crossings[lane] = residual.crossing(|place| {
+                    let is_inside = |place: usize| {
                         let word = if place < 64 { inside[lane] >> place } else { many[place - 64] >> lane };
                         word & 1 == 1
+                    };
+                    crossings[lane] = residual.crossing(is_inside).map(|crossing| {
+                        let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                            match residual.near.binary_search(&leaf) {
+                                Ok(place) => is_inside(place),
+                                Err(_) => {
+                                    let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+                                    tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
+                                }
+                            }
+                        });
+                        (crossing, body)
                     });
                 }
             }
@@ -288,20 +319,15 @@ fn resolve<S: Simd>(
     // Step 3: keep what is on the result.
     let mut seen = f32x8::splat(row.simd, f32::INFINITY);
     for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
-        let Some(crossing) = crossings[lane] else { continue };
+        let Some((crossing, body)) = crossings[lane] else { continue };
         let sheet = field.kind == LeafKind::Sheet;
         let enters_result = sheet || (crossing == Crossing::Rises) == slot.front;
         let facing = if enters_result { Facing::Front } else { Facing::Back };
         let outward = if sheet { slot.front } else { crossing == Crossing::Rises };
         let normal = if outward { normals[lane] } else { -normals[lane] };
-        let index = tile.surfels[best[lane] as usize].index as usize;
-        let body = match crossing {
-            Crossing::Rises => run.leaf.0,
-            Crossing::Falls => body_behind(tile, run.leaf, index, t[lane], at, lane, &mut scratch.found),
-        };
         let opacity = opacities[lane].clamp(0.0, 1.0);
         let hit = Hit { t: t[lane], normal, colour: colours[lane], opacity, leaf: run.leaf.0, body, facing };
-        met.hits[lane].push(hit);
+        hits[lane].push(hit);
         if opacity >= 1.0 {
             seen[lane] = t[lane];
         }
@@ -321,8 +347,8 @@ fn sides<S: Simd>(
     near: LeafId,
     t: &[f32; LANES],
     mask: u64,
-    at: (u32, u32, DVec2),
-    found: &mut Vec<(u32, f32)>,
+    at: At,
+    cache: &mut SideCache,
 ) -> u64 {
     let field = &tile.model.fields[near.0 as usize];
     let world = |lane: usize| ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
@@ -339,52 +365,33 @@ fn sides<S: Simd>(
         bits = (support & value.simd_lt(0.0)).to_bitmask();
     }
     let mut unreached = mask & !reached;
-    let mut known: Option<(DVec3, f64, bool)> = None;
     while unreached != 0 {
         let lane = unreached.trailing_zeros() as usize;
         unreached &= unreached - 1;
-        let p = world(lane);
-        let inside = match known {
-            // The surface keeps its distance from the last answer's point, so this side of it is the same.
-            Some((from, clearance, side)) if p.distance(from) < clearance => side,
-            _ => {
-                found.clear();
-                match field.search.nearest_in_world(p) {
-                    None => false,
-                    Some((nearest, distance)) => {
-                        let side = field.far_inside(p, nearest);
-                        known = Some((p, f64::from(distance) - f64::from(field.largest_radius()), side));
-                        side
-                    }
-                }
-            }
-        };
-        bits |= u64::from(inside) << lane;
+        bits |= u64::from(cache.inside(field, near, world(lane))) << lane;
     }
     bits
 }
 
-/// The leaf whose material lies behind a surface of subtracted leaf `own`: the first positive leaf that holds the point.
+/// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the first positive
+/// leaf that holds the point; `holds` decides for leaves that are near.
 fn body_behind(
     tile: &Tile<'_>,
     own: LeafId,
+    crossing: Crossing,
     surfel: usize,
-    t: f32,
-    at: (u32, u32, DVec2),
-    lane: usize,
-    found: &mut Vec<(u32, f32)>,
+    mut holds: impl FnMut(LeafId) -> bool,
 ) -> u32 {
-    let holds = |leaf: &LeafId| match tile.model.status(own, surfel, *leaf) {
+    if crossing == Crossing::Rises {
+        return own.0;
+    }
+    let mut candidates = tile.model.positive_leaves().iter().filter(|&&leaf| leaf != own);
+    let body = candidates.find(|&&leaf| match tile.model.status(own, surfel, leaf) {
         Membership::In => true,
         Membership::Out => false,
-        Membership::Near => {
-            let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t));
-            tile.model.fields[leaf.0 as usize].contains(p, found)
-        }
-    };
-    let mut holds = holds;
-    let mut candidates = tile.model.positive_leaves().iter().filter(|&&leaf| leaf != own);
-    candidates.find(|l| holds(l)).map_or(own.0, |l| l.0)
+        Membership::Near => holds(leaf),
+    });
+    body.map_or(own.0, |leaf| leaf.0)
 }
 
 /// Sorts a ray's hits and drops what two groups found twice.
