@@ -7,7 +7,9 @@
 //!
 //! A style derives all else from these records; no style adds a channel.
 
-use glam::Vec3;
+use std::sync::LazyLock;
+
+use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use crate::space::{Camera, PixelRect};
@@ -20,6 +22,37 @@ pub const MAX_SAMPLES: u32 = 16;
 
 /// `Boundary::leaf` where there is none.
 pub const NO_LEAF: u32 = u32::MAX;
+
+/// Where in its pixel each of `samples` samples lies, pixel units, (0, 0) the pixel's top left corner: the one set of
+/// positions that every pipeline and the judge use. One sample is at the centre; several stand one to a column and one to a
+/// row (a rotated grid: no edge direction meets two at once that need not), as far apart as a lattice lets them.
+///
+/// `samples` is held to 1 to [`MAX_SAMPLES`].
+pub fn sample_offsets(samples: u32) -> &'static [DVec2] {
+    static PATTERNS: LazyLock<Vec<Vec<DVec2>>> = LazyLock::new(|| (1..=MAX_SAMPLES).map(sample_pattern).collect());
+    &PATTERNS[samples.clamp(1, MAX_SAMPLES) as usize - 1]
+}
+
+/// Of all lattices that put one of `n` samples in each row and column the one whose nearest two are furthest apart.
+fn sample_pattern(n: u32) -> Vec<DVec2> {
+    let mut best = (0, Vec::new());
+    // Row i·step mod n, or the same a step in from the border of a lattice one larger.
+    for border in [0, 1] {
+        for step in 1..=n {
+            let row = |i: u32| ((i + border) * step % (n + border)).wrapping_sub(border);
+            let cells: Vec<(u32, u32)> = (0..n).map(|i| (i, row(i))).collect();
+            let one_a_row = (0..n).all(|r| cells.iter().any(|cell| cell.1 == r));
+            let apart = |a: &(u32, u32), b: &(u32, u32)| a.0.abs_diff(b.0).pow(2) + a.1.abs_diff(b.1).pow(2);
+            let pairs = cells.iter().enumerate().flat_map(|(i, a)| cells[..i].iter().map(move |b| apart(a, b)));
+            let nearest = pairs.min().unwrap_or(u32::MAX);
+            if one_a_row && nearest > best.0 {
+                best = (nearest, cells);
+            }
+        }
+    }
+    let centre = |cell: u32| (f64::from(cell) + 0.5) / f64::from(n);
+    best.1.into_iter().map(|(x, y)| DVec2::new(centre(x), centre(y))).collect()
+}
 
 /// Which way the *result's* surface faces at a boundary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,5 +167,33 @@ impl LayerStack {
     /// The tiles, row by row.
     pub fn tiles(&self) -> &[LayerTile] {
         &self.tiles
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_stand_one_to_a_row_and_column_around_the_centre() {
+        assert_eq!(sample_offsets(1), [DVec2::splat(0.5)]);
+        for n in 1..=MAX_SAMPLES {
+            let offsets = sample_offsets(n);
+            assert_eq!(offsets.len(), n as usize);
+            for axis in 0..2 {
+                let mut cells: Vec<u32> = offsets.iter().map(|p| (p[axis] * f64::from(n)) as u32).collect();
+                cells.sort_unstable();
+                assert_eq!(cells, (0..n).collect::<Vec<_>>());
+            }
+            let mean = offsets.iter().sum::<DVec2>() / f64::from(n);
+            assert!((mean - 0.5).length() < 1e-12);
+        }
+        // The rotated grid of four.
+        let nearest = |n: u32| {
+            let offsets = sample_offsets(n);
+            let pairs = offsets.iter().enumerate().flat_map(|(i, a)| offsets[..i].iter().map(|b| a.distance(*b)));
+            pairs.fold(f64::INFINITY, f64::min)
+        };
+        assert!((nearest(4) - 5f64.sqrt() / 4.0).abs() < 1e-12);
     }
 }

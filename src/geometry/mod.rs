@@ -7,4 +7,4 @@ pub mod solid;
 
 pub use cloud::{Ellipse, PointCloud};
 pub use mesh::TriMesh;
-pub use solid::Solid;
+pub use solid::{Solid, SolidError};

@@ -1,1 +1,0 @@
-//! The judge: f64 ray casting.
