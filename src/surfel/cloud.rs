@@ -6,23 +6,17 @@
 //! ([`super::radius`]) and curvature ([`super::curvature`]) among the neighbours on the same sheet. Results do not depend on the
 //! number of threads. Peak memory is about 150 bytes a point, normals or not: each stage drops what the next does not read.
 
-use glam::{DAffine3, DMat3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, Vec3};
 use rayon::prelude::*;
 
+use super::around::{Scratch, Sheets, median_spacing};
 use super::assemble::{Body, assemble};
-use super::curvature::{self, SAME_SHEET};
-use super::orient::{self, DEGREE, agreement, orient};
+use super::orient::{self, DEGREE, orient};
 use super::place::{Given, Known, Placed, ellipse, even_scale};
-use super::radius::{self, COVERAGE, RING, coverage};
+use super::radius::RING;
 use super::{CHUNK, SurfelCloud, SurfelError, Sym3, normals};
 use crate::geometry::PointCloud;
 use crate::geometry::neighbours::Neighbours;
-
-/// Neighbours looked at for radius and curvature: about two rings.
-const NEIGHBOURS: usize = 16;
-
-/// How many are asked where those leave a sector, or the surfel's own sheet, empty.
-const WIDER: [usize; 2] = [64, 256];
 
 /// Given normals count as inward where they bound a volume below minus this share of a ball of the cloud's extent.
 const INWARD: f64 = 0.02;
@@ -97,8 +91,9 @@ pub fn from_cloud(
         return Err(SurfelError::OnePlace { points: points.len() + duplicates });
     }
     let few = points.len() <= RING;
+    let sheets = Sheets { neighbours: &neighbours, points: &points, normals: &normals, patches: None };
     let body = |i: usize, scratch: &mut Scratch| {
-        let around = scratch.look(&neighbours, &points, &normals, i);
+        let around = scratch.look(&sheets, i);
         let own = supports.radius(i);
         let radius = match (own > 0.0, few) {
             (true, _) => own,
@@ -223,78 +218,6 @@ impl Supports {
     }
 }
 
-/// What a point's neighbours say of it.
-struct Around {
-    radius: f32,
-    curvature: Sym3,
-    /// How well the nearest normals agree, sign and all: 0 to 1.
-    agreement: f32,
-}
-
-/// Buffers of one thread.
-#[derive(Debug, Default)]
-struct Scratch {
-    found: Vec<(u32, f32)>,
-    sheet: Vec<(Vec3, Vec3)>,
-    flat: Vec<Vec2>,
-    radius: radius::Scratch,
-}
-
-impl Scratch {
-    fn look(&mut self, neighbours: &Neighbours, points: &[Vec3], normals: &[Vec3], i: usize) -> Around {
-        let (p, n) = (points[i], normals[i]);
-        neighbours.nearest_k(p, NEIGHBOURS + 1, &mut self.found);
-        self.keep_sheet(points, normals, i);
-        let curvature = curvature::fit(n, &self.sheet);
-        let agreement = self.agreement(points, normals, i);
-        let mut cover = self.cover(n);
-        for wider in WIDER {
-            if !(cover.open || self.sheet.len() < RING) || self.found.len() == points.len() {
-                break;
-            }
-            neighbours.nearest_k(p, wider + 1, &mut self.found);
-            self.keep_sheet(points, normals, i);
-            cover = self.cover(n);
-        }
-        if self.sheet.len() < RING || !(cover.radius > 0.0) {
-            // Alone on its sheet, or all lie along the normal: the distance from the others, whatever they are, must do.
-            let others = self.found.iter().filter(|f| f.0 != i as u32);
-            let ring = others.take(RING).last().map_or(0.0, |f| f.1);
-            cover.radius = cover.radius.max(COVERAGE * ring);
-        }
-        Around { radius: cover.radius, curvature, agreement }
-    }
-
-    /// Keeps the neighbours whose normals say that they are on the sheet of surfel `i`.
-    fn keep_sheet(&mut self, points: &[Vec3], normals: &[Vec3], i: usize) {
-        self.sheet.clear();
-        for &(j, _) in self.found.iter().filter(|f| f.0 != i as u32) {
-            let j = j as usize;
-            if normals[j].dot(normals[i]) > SAME_SHEET {
-                self.sheet.push((points[j] - points[i], normals[j]));
-            }
-        }
-    }
-
-    fn cover(&mut self, n: Vec3) -> radius::Coverage {
-        let (u, v) = n.any_orthonormal_pair();
-        self.flat.clear();
-        self.flat.extend(self.sheet.iter().map(|(e, _)| Vec2::new(e.dot(u), e.dot(v))));
-        coverage(&self.flat, &mut self.radius)
-    }
-
-    fn agreement(&self, points: &[Vec3], normals: &[Vec3], i: usize) -> f32 {
-        let nearest = self.found.iter().filter(|f| f.0 != i as u32).take(DEGREE);
-        let (mut sum, mut count) = (0.0f32, 0.0f32);
-        for &(j, _) in nearest {
-            let j = j as usize;
-            sum += agreement(points[j] - points[i], normals[i], normals[j]).0.max(0.0);
-            count += 1.0;
-        }
-        if count > 0.0 { (sum / count).min(1.0) } else { 1.0 }
-    }
-}
-
 /// The diagonal of the bounding box.
 fn extent(points: &[Vec3]) -> f32 {
     let (low, high) = points
@@ -302,25 +225,4 @@ fn extent(points: &[Vec3]) -> f32 {
         .map(|p| (*p, *p))
         .reduce(|| (Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
     high.distance(low)
-}
-
-/// Median distance to the nearest other point, of a sample; `alone` for a single point.
-pub(crate) fn median_spacing(neighbours: &Neighbours, points: &[Vec3], alone: f32) -> f32 {
-    /// Points asked.
-    const SAMPLE: usize = 4096;
-    let step = points.len().div_ceil(SAMPLE).max(1);
-    let mut found = Vec::new();
-    let mut distances: Vec<f32> = points
-        .iter()
-        .step_by(step)
-        .filter_map(|p| {
-            neighbours.nearest_k(*p, 2, &mut found);
-            found.get(1).map(|f| f.1)
-        })
-        .collect();
-    if distances.is_empty() {
-        return alone;
-    }
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f32::total_cmp).1
 }

@@ -4,21 +4,29 @@
 //! keeps an `f32` offset from its chunk's origin, so that a scan 10⁷ units from the world's origin loses nothing. The
 //! chunks' bounding balls are the leaves of the hierarchy that classification descends and that the frame culls.
 
+mod around;
 mod assemble;
 pub mod cloud;
 #[cfg(test)]
 mod cloud_tests;
 mod curvature;
+pub mod mesh;
 mod normals;
 mod orient;
 mod place;
 mod radius;
+mod sampled;
+#[cfg(test)]
+mod sampled_tests;
+pub mod solid;
 #[cfg(test)]
 mod test_shapes;
 
 use glam::{DVec3, Mat3, Vec3};
 
 pub use cloud::{CloudNotes, CloudOptions, from_cloud};
+pub use mesh::from_mesh;
+pub use solid::from_solid;
 
 /// Surfels a chunk: a cache-friendly run, and the finest node that classification decides as a whole.
 pub const CHUNK: usize = 64;

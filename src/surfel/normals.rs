@@ -139,23 +139,12 @@ fn plane(offsets: &[DVec3]) -> (DVec3, f64) {
 
 /// Least eigenvalue of a symmetric, positive matrix and its unit eigenvector (any of several where it is not unique).
 fn least_eigenvector(m: DMat3) -> (f64, DVec3) {
-    // The characteristic polynomial's roots by the cosine formula (Smith 1961) on the matrix scaled to unit size.
     let size = m.x_axis.x + m.y_axis.y + m.z_axis.z;
     if !(size > 0.0) {
         return (0.0, DVec3::Z);
     }
     let a = m * (1.0 / size);
-    let mean = 1.0 / 3.0;
-    let b = a - DMat3::from_diagonal(DVec3::splat(mean));
-    let spread2 = (b.x_axis.length_squared() + b.y_axis.length_squared() + b.z_axis.length_squared()) / 6.0;
-    let spread = spread2.sqrt();
-    if !(spread > f64::EPSILON) {
-        return (mean * size, DVec3::Z);
-    }
-    let half_det = (b * (1.0 / spread)).determinant() * 0.5;
-    let angle = half_det.clamp(-1.0, 1.0).acos() / 3.0;
-    let third_of_turn = std::f64::consts::TAU / 3.0;
-    let least = mean + 2.0 * spread * (angle + third_of_turn).cos();
+    let [least, ..] = eigenvalues(a);
     // The rows of A − λI are perpendicular to the eigenvector: the longest cross product is the most certain.
     let c = a - DMat3::from_diagonal(DVec3::splat(least));
     let crosses = [c.x_axis.cross(c.y_axis), c.y_axis.cross(c.z_axis), c.z_axis.cross(c.x_axis)];
@@ -170,6 +159,22 @@ fn least_eigenvector(m: DMat3) -> (f64, DVec3) {
     });
     // Where the other two roots are equal, the arc cosine has lost half of the digits: the Rayleigh quotient has not.
     (normal.dot(m * normal), normal)
+}
+
+/// Eigenvalues of a symmetric matrix, ascending, by the cosine formula (Smith 1961).
+pub(crate) fn eigenvalues(m: DMat3) -> [f64; 3] {
+    let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
+    let b = m - DMat3::from_diagonal(DVec3::splat(mean));
+    let squares = b.x_axis.length_squared() + b.y_axis.length_squared() + b.z_axis.length_squared();
+    let spread = (squares / 6.0).sqrt();
+    if !(spread > f64::EPSILON * mean.abs()) {
+        return [mean; 3];
+    }
+    let half_det = (b * (1.0 / spread)).determinant() * 0.5;
+    let angle = half_det.clamp(-1.0, 1.0).acos() / 3.0;
+    let third_of_turn = std::f64::consts::TAU / 3.0;
+    let root = |angle: f64| mean + 2.0 * spread * angle.cos();
+    [root(angle + third_of_turn), root(angle - third_of_turn), root(angle)]
 }
 
 /// The quadric over the plane with `normal`; also its slope at the point. `None` where the points do not determine it.
