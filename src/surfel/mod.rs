@@ -4,9 +4,31 @@
 //! keeps an `f32` offset from its chunk's origin, so that a scan 10⁷ units from the world's origin loses nothing. The
 //! chunks' bounding balls are the leaves of the hierarchy that classification descends and that the frame culls.
 
+mod around;
+mod assemble;
+pub mod cloud;
+#[cfg(test)]
+mod cloud_tests;
+mod curvature;
+pub mod mesh;
+mod normals;
+mod orient;
+mod place;
+mod radius;
+mod sampled;
+#[cfg(test)]
+mod sampled_tests;
+pub mod solid;
+#[cfg(test)]
+mod test_shapes;
+
 use glam::{DVec3, Mat3, Vec3};
 
 use crate::geometry::neighbours::Neighbours;
+
+pub use cloud::{CloudNotes, CloudOptions, from_cloud};
+pub use mesh::from_mesh;
+pub use solid::from_solid;
 
 /// Surfels a chunk: a cache-friendly run, and the finest node that classification decides as a whole.
 pub const CHUNK: usize = 64;
@@ -87,6 +109,46 @@ pub struct SurfelCloud {
     pub spacing: f32,
 }
 
+/// Why a leaf has no surfels.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SurfelError {
+    /// There is no point or triangle.
+    #[error("it holds no points or triangles")]
+    Empty,
+    /// The leaf's transform flattens space, so that normals have no direction.
+    #[error("its transform is not invertible: every scale must be finite and different from zero")]
+    Transform,
+    /// A point is not finite in world space.
+    #[error("its point {index} is not finite in world space ({p}): drop the point, or mend the transform")]
+    NotFinite {
+        /// Its index in the input.
+        index: usize,
+        /// Where it lies in world space.
+        p: DVec3,
+    },
+    /// One place alone has no neighbours to take a radius from.
+    #[error(
+        "its points ({points}) all lie at one place, so there is no spacing to take a radius from: give them a radius"
+    )]
+    OnePlace {
+        /// How many.
+        points: usize,
+    },
+    /// More surfels than the arrays can index.
+    #[error("it needs {needed:.0} surfels, more than {limit}: {mend}")]
+    TooMany {
+        /// How many, perhaps estimated.
+        needed: f64,
+        /// The most.
+        limit: usize,
+        /// What to do.
+        mend: &'static str,
+    },
+    /// The sampling distance is not a positive number.
+    #[error("the spacing must be a positive number, not {0}")]
+    Spacing(f64),
+}
+
 impl SurfelCloud {
     /// The number of surfels.
     pub fn len(&self) -> usize {
@@ -108,5 +170,35 @@ impl SurfelCloud {
     #[inline]
     pub fn centre(&self, index: usize) -> DVec3 {
         self.chunks[index / CHUNK].origin + self.surfels[index].offset.as_dvec3()
+    }
+
+    /// How far from closed the surface is: |Σ aᵢ nᵢ| / Σ aᵢ with areas aᵢ ∝ rᵢ². The area vectors of a closed surface cancel
+    /// (divergence theorem): near 0 where it is closed and evenly covered, 1 for a flat sheet. NaN where there is no surfel.
+    pub fn closure(&self) -> f32 {
+        let (mut vector, mut total) = (DVec3::ZERO, 0.0);
+        for surfel in &self.surfels {
+            let area = f64::from(surfel.radius) * f64::from(surfel.radius);
+            vector += surfel.normal.as_dvec3() * area;
+            total += area;
+        }
+        (vector.length() / total) as f32
+    }
+
+    /// A rough volume in cubed world units, ⅓ Σ aᵢ nᵢ · (pᵢ − centroid); negative where the normals point inward. The sum of the
+    /// areas is that of disks which overlap by the usual radius rule, so only sign and order of magnitude mean something, and
+    /// those only where [`Self::closure`] is small.
+    pub fn signed_volume(&self) -> f64 {
+        // A neighbour at the distance d₆ = r / COVERAGE is one of six within the area π d₆².
+        let share = std::f64::consts::PI / (radius::RING as f64 * f64::from(radius::COVERAGE).powi(2));
+        let first = self.chunks.first().map_or(DVec3::ZERO, |chunk| chunk.origin);
+        let centroid = (0..self.len()).map(|i| self.centre(i) - first).sum::<DVec3>() / self.len().max(1) as f64;
+        let sum: f64 = (0..self.len())
+            .map(|i| {
+                let surfel = &self.surfels[i];
+                let area = share * f64::from(surfel.radius) * f64::from(surfel.radius);
+                area * surfel.normal.as_dvec3().dot(self.centre(i) - first - centroid)
+            })
+            .sum();
+        sum / 3.0
     }
 }
