@@ -34,7 +34,7 @@ use toml::de::DeTable;
 use super::inline_solid::{self, SOLID_KEYS, SolidError};
 use super::nearest_name::nearest_name;
 use super::toml_values::{Field, Source, Table};
-use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour, sheets};
+use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour};
 use crate::csg::expression::{self, ExpressionError};
 use crate::csg::{LeafId, Tree};
 use crate::space::{Camera, CameraError, Lens};
@@ -225,24 +225,22 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
         Some(field) => Some(parse_camera(&field, size)?),
         None => None,
     };
-    Ok(Scene {
-        leaves,
-        tree,
-        camera,
-        size,
-        background: match top.get("background")? {
-            Some(field) => parse_background(&field)?,
-            None => super::DEFAULT_BACKGROUND,
-        },
-        light: match top.get("light")? {
-            Some(field) => parse_light(&field)?,
-            None => Light::default(),
-        },
-        units: match top.get("units")? {
-            Some(field) => Some(field.text("the name of a unit, such as \"mm\"")?.to_owned()),
-            None => None,
-        },
-    })
+    let mut scene = Scene::new(leaves, tree);
+    scene.size = size;
+    scene.camera = camera;
+    if let Some(field) = top.get("background")? {
+        scene.background = parse_background(&field)?;
+    }
+    if let Some(field) = top.get("light")? {
+        scene.light = parse_light(&field)?;
+    }
+    if let Some(field) = top.get("units")? {
+        scene.units = Some(field.text("the name of a unit, such as \"mm\"")?.to_owned());
+    }
+    if let (Some(sheet), Some(field)) = (scene.subtracted_sheet(), top.get("csg")?) {
+        return Err(field.error(SceneProblem::SheetCuts { leaf: scene.leaves[sheet.0 as usize].name.clone() }));
+    }
+    Ok(scene)
 }
 
 /// The keys of a leaf beside its solid's.
@@ -262,8 +260,11 @@ const LEAF_KEYS: [&str; 11] = [
 
 fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneError> {
     let known: Vec<&str> = LEAF_KEYS.iter().chain(&SOLID_KEYS).copied().collect();
-    let table =
-        entry.table(format!("[leaf.{}]", quoted(name)), &known, "a table with `file = \"…\"` or a solid, its geometry")?;
+    let table = entry.table(
+        format!("[leaf.{}]", quoted(name)),
+        &known,
+        "a table with `file = \"…\"` or a solid, its geometry",
+    )?;
     if name.is_empty() {
         return Err(entry.bad("a leaf's name is empty", "name it, as in `[leaf.body]`"));
     }
@@ -275,7 +276,7 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneE
         let Some(field) = table.get(key)? else { continue };
         if let Some(first) = &geometry {
             let first: &Field = first;
-            return Err(field.error(SceneProblem::Clash { first: first.name.clone(), second: field.name }));
+            return Err(field.error(SceneProblem::Clash { first: first.name.clone(), second: field.name.clone() }));
         }
         geometry = Some(field);
     }
@@ -317,7 +318,7 @@ fn parse_truth(field: &Field, base_dir: &Path) -> Result<Truth, SceneError> {
     for key in SOLID_KEYS {
         let Some(inner) = table.get(key)? else { continue };
         if let Some((first, _)) = &solid {
-            return Err(inner.error(SceneProblem::Clash { first: first.name.clone(), second: inner.name }));
+            return Err(inner.error(SceneProblem::Clash { first: first.name.clone(), second: inner.name.clone() }));
         }
         let value = inline_solid::from_toml(&inner)?;
         solid = Some((inner, value));
@@ -403,24 +404,21 @@ fn parse_tree(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
         };
     };
     let text = field.text("an expression over the leaves, such as \"body - drill\"")?;
-    let by_name: std::collections::HashMap<&str, u32> = leaves.iter().zip(0..).map(|(l, i)| (l.name.as_str(), i)).collect();
+    let by_name: std::collections::HashMap<&str, u32> =
+        leaves.iter().zip(0..).map(|(l, i)| (l.name.as_str(), i)).collect();
     let tree = expression::parse(text, &mut |name| by_name.get(name).copied().map(LeafId));
-    let tree = tree.map_err(|error| match error.unknown_name() {
-        Some(name) => {
+    tree.map_err(|error| match &error {
+        ExpressionError::UnknownLeaf { name, .. } => {
             let known = leaves.iter().map(|leaf| leaf.name.as_str());
             let problem = SceneProblem::UnknownLeaf {
-                name: name.to_owned(),
+                name: name.clone(),
                 suggestion: nearest_name(name, known.clone()).map(str::to_owned),
                 known: known.map(str::to_owned).collect(),
             };
             field.error_within_text(error.offset(), problem)
         }
-        None => field.error_within_text(error.offset(), SceneProblem::Expression(error)),
-    })?;
-    if let Some(sheet) = sheets::first_that_cuts(&tree, leaves) {
-        return Err(field.error(SceneProblem::SheetCuts { leaf: leaves[sheet.0 as usize].name.clone() }));
-    }
-    Ok(tree)
+        _ => field.error_within_text(error.offset(), SceneProblem::Expression(error)),
+    })
 }
 
 /// A name as expressions and headers write it: quoted unless it is letters, digits and `_`.
@@ -448,7 +446,8 @@ fn parse_background(field: &Field) -> Result<[f32; 4], SceneError> {
 }
 
 fn parse_camera(field: &Field, size: (u32, u32)) -> Result<CameraSpec, SceneError> {
-    let table = field.table("[camera]", &["eye", "target", "up", "fov_y", "height"], "a table with `eye` and `target`")?;
+    let table =
+        field.table("[camera]", &["eye", "target", "up", "fov_y", "height"], "a table with `eye` and `target`")?;
     let lens = match (table.get("fov_y")?, table.get("height")?) {
         (Some(fov_y), Some(height)) => {
             return Err(height.error(SceneProblem::Clash { first: fov_y.name, second: height.name.clone() }));
@@ -483,3 +482,6 @@ fn parse_light(field: &Field) -> Result<Light, SceneError> {
     }
     Ok(light)
 }
+
+#[cfg(test)]
+mod tests;
