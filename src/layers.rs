@@ -103,6 +103,18 @@ impl LayerTile {
         Self { rect, offsets: vec![0; rect.area() + 1], boundaries: Vec::new() }
     }
 
+    /// From each pixel's boundaries, front to back, pixels row by row; there are `rect.area()` of them.
+    pub fn from_pixels(rect: PixelRect, pixels: Vec<Vec<Boundary>>) -> Self {
+        debug_assert_eq!(pixels.len(), rect.area());
+        let mut tile = Self { rect, offsets: Vec::with_capacity(pixels.len() + 1), boundaries: Vec::new() };
+        tile.offsets.push(0);
+        for mut pixel in pixels {
+            tile.boundaries.append(&mut pixel);
+            tile.offsets.push(tile.boundaries.len() as u32);
+        }
+        tile
+    }
+
     /// The boundaries of the pixel at column `x`, row `y` of the *picture*, front to back.
     pub fn at(&self, x: u32, y: u32) -> &[Boundary] {
         let index = ((y - self.rect.y0) * self.rect.width() + (x - self.rect.x0)) as usize;
@@ -110,10 +122,58 @@ impl LayerTile {
     }
 }
 
+/// Joins the boundaries that a pixel's samples see into records with sample masks: the same leaf, facing and body, in the
+/// same order, are one boundary.
+#[derive(Debug, Clone, Default)]
+pub struct SampleMerger {
+    records: Vec<Boundary>,
+}
+
+impl SampleMerger {
+    /// Adds what one sample sees, front to back; each boundary's mask has that sample's bit alone.
+    pub fn add(&mut self, of_sample: impl Iterator<Item = Boundary>) {
+        let mut from = 0;
+        for boundary in of_sample {
+            let same = |r: &Boundary| {
+                (r.leaf, r.facing, r.body) == (boundary.leaf, boundary.facing, boundary.body)
+                    && r.samples & boundary.samples == 0
+            };
+            match self.records[from..].iter().position(same) {
+                Some(ahead) => {
+                    let record = &mut self.records[from + ahead];
+                    // A running mean, so that a record is always what its samples so far see.
+                    let share = 1.0 / (record.samples.count_ones() + 1) as f32;
+                    record.depth += (boundary.depth - record.depth) * share;
+                    record.normal += (boundary.normal - record.normal) * share;
+                    record.opacity += (boundary.opacity - record.opacity) * share;
+                    for (mean, c) in record.colour.iter_mut().zip(boundary.colour) {
+                        *mean += (c - *mean) * share;
+                    }
+                    record.samples |= boundary.samples;
+                    from += ahead + 1;
+                }
+                None => {
+                    self.records.insert(from, boundary);
+                    from += 1;
+                }
+            }
+        }
+    }
+
+    /// The pixel's boundaries, front to back.
+    pub fn finish(mut self) -> Vec<Boundary> {
+        for record in &mut self.records {
+            record.normal = record.normal.normalize_or_zero();
+        }
+        self.records.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+        self.records
+    }
+}
+
 /// How many boundaries a pipeline hands over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LayerLimit {
-    /// Only the nearest boundary of every sample: enough for an opaque picture.
+    /// Only what an opaque picture needs of every sample: its boundaries down to the first opaque one.
     #[default]
     Nearest,
     /// All of them.
@@ -150,6 +210,31 @@ impl LayerStack {
             .map(|rect| source.draw(rect))
             .collect();
         Self { camera, samples: source.samples(), tiles }
+    }
+
+    /// A stack whose every pixel `(column, row)` holds what `boundaries_at` returns, front to back: for pictures that do
+    /// not come from a pipeline, such as those with a known answer.
+    pub fn from_fn(camera: Camera, samples: u32, boundaries_at: impl Fn(u32, u32) -> Vec<Boundary> + Sync) -> Self {
+        struct ByPixel<F>(Camera, u32, F);
+        impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> LayerSource for ByPixel<F> {
+            fn camera(&self) -> &Camera {
+                &self.0
+            }
+            fn samples(&self) -> u32 {
+                self.1
+            }
+            fn draw(&self, rect: PixelRect) -> LayerTile {
+                let mut tile = LayerTile { rect, offsets: vec![0], boundaries: Vec::new() };
+                for y in rect.y0..rect.y1 {
+                    for x in rect.x0..rect.x1 {
+                        tile.boundaries.extend((self.2)(x, y));
+                        tile.offsets.push(tile.boundaries.len() as u32);
+                    }
+                }
+                tile
+            }
+        }
+        Self::collect(&ByPixel(camera, samples, boundaries_at))
     }
 
     /// The boundaries of the pixel at column `x`, row `y`, front to back.

@@ -1,1 +1,107 @@
-//! Placeholder docs, filled by the module's change.
+//! Which surfels the result keeps, drops or clips, and against what.
+//!
+//! [`Model`] is the scene after this stage: every leaf's field, how the surfels of each leaf lie to each other leaf
+//! ([`pairs`]) and the class of every surfel ([`classes`]). It does not depend on the view, and moving one leaf redoes only
+//! the pairs of that leaf.
+
+use crate::csg::positive::Positive;
+use crate::csg::{LeafId, Tree};
+
+pub mod classes;
+pub mod field;
+pub mod pairs;
+
+pub use classes::{Class, ClassCounts, Drawn, LeafClasses, Wicke};
+pub use field::LeafField;
+use pairs::PairStatus;
+
+/// How a leaf is drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeafLook {
+    /// Linear RGB; `None` takes the surfels' own colours.
+    pub colour: Option<[f32; 3]>,
+    /// 0 to 1; multiplies the surfels' own.
+    pub opacity: f32,
+}
+
+/// A classified scene.
+#[derive(Debug)]
+pub struct Model {
+    /// The expression over the leaves, positive form.
+    pub tree: Positive,
+    /// By leaf.
+    pub fields: Vec<LeafField>,
+    /// By leaf.
+    pub looks: Vec<LeafLook>,
+    /// By leaf.
+    pub classes: Vec<LeafClasses>,
+    /// `statuses[a][b]`: how the surfels of a lie to b.
+    statuses: Vec<Vec<Option<PairStatus>>>,
+    positive_leaves: Vec<LeafId>,
+}
+
+impl Model {
+    /// Classifies the surfels of all leaves against `tree`.
+    pub fn new(tree: &Tree, fields: Vec<LeafField>, looks: Vec<LeafLook>) -> Self {
+        let tree = tree.positive();
+        let by_leaf: Vec<&LeafField> = fields.iter().collect();
+        let statuses = pairs::all_pairs(&by_leaf);
+        let classes =
+            (0..fields.len()).map(|a| LeafClasses::of(&tree, LeafId(a as u32), &by_leaf, &statuses[a])).collect();
+        let mut positive_leaves: Vec<LeafId> = tree.literals().filter(|l| !l.negated).map(|l| l.leaf).collect();
+        positive_leaves.sort_unstable();
+        positive_leaves.dedup();
+        Self { tree, fields, looks, classes, statuses, positive_leaves }
+    }
+
+    /// The leaves that occur uncomplemented in the positive form: those whose material the result is made of.
+    pub fn positive_leaves(&self) -> &[LeafId] {
+        &self.positive_leaves
+    }
+
+    /// Replaces leaf `moved` and classifies again what that touches: its own surfels, and those of the leaves whose
+    /// status towards it changed. Returns how many leaves were classified again.
+    pub fn move_leaf(&mut self, moved: LeafId, field: LeafField) -> usize {
+        let m = moved.0 as usize;
+        self.fields[m] = field;
+        let by_leaf: Vec<&LeafField> = self.fields.iter().collect();
+        let mut again = vec![m];
+        for other in (0..by_leaf.len()).filter(|&o| o != m) {
+            self.statuses[m][other] = Some(PairStatus::of(by_leaf[m], by_leaf[other]));
+            let status = Some(PairStatus::of(by_leaf[other], by_leaf[m]));
+            // Even with equal statuses the moved surface may have slid along within "near", where inside-edge and
+            // outside-edge are told apart by the centre: keep the classes only where nothing is near.
+            let untouched = self.statuses[other][m] == status && matches!(status, Some(PairStatus::Whole(_)));
+            self.statuses[other][m] = status;
+            if !untouched {
+                again.push(other);
+            }
+        }
+        for &a in &again {
+            self.classes[a] = LeafClasses::of(&self.tree, LeafId(a as u32), &by_leaf, &self.statuses[a]);
+        }
+        again.len()
+    }
+
+    /// How surfel `index` of leaf `a` lies to leaf `b`, as classification decided it.
+    pub fn status(&self, a: LeafId, index: usize, b: LeafId) -> crate::csg::residual::Membership {
+        use crate::csg::residual::Membership;
+        match &self.statuses[a.0 as usize][b.0 as usize] {
+            None => Membership::Near,
+            Some(status) => match status.chunk(index / crate::surfel::CHUNK) {
+                pairs::TouchRef::Apart(m) => m,
+                pairs::TouchRef::Surfels(each) => each[index % crate::surfel::CHUNK],
+            },
+        }
+    }
+
+    /// Surfels by class, over all leaves.
+    pub fn counts(&self) -> ClassCounts {
+        self.classes.iter().map(LeafClasses::counts).fold(ClassCounts::default(), |a, b| ClassCounts {
+            surface: a.surface + b.surface,
+            inside_edge: a.inside_edge + b.inside_edge,
+            outside_edge: a.outside_edge + b.outside_edge,
+            outside: a.outside + b.outside,
+        })
+    }
+}

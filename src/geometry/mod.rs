@@ -1,9 +1,11 @@
 //! What a leaf is made of: point clouds, triangle meshes, analytic solids, and the searches over them.
 
 pub mod cloud;
+pub mod exact;
 pub mod mesh;
 pub mod neighbours;
 pub mod solid;
+pub mod winding;
 
 pub use cloud::{Ellipse, PointCloud};
 pub use mesh::TriMesh;

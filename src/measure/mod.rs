@@ -1,1 +1,20 @@
-//! Placeholder docs, filled by the module's change.
+//! How good a picture is, and how fast: comparison with the truth, simulated scans, the accuracy suite, charts.
+//!
+//! * [`compare`] measures one picture against the reference renderer's; [`outline`] finds the silhouettes and cut edges
+//!   that it measures at, [`quality`] compares shaded images, [`difference`] paints what differs.
+//! * [`simulate`] samples analytic solids as a scanner or a modeller would; [`scanner`] casts a scanner's rays, so that
+//!   occlusion is real. All randomness comes from [`rng`].
+//! * [`scenes`] holds the accuracy suite, [`sweeps`] what is pushed until methods break; both are data that become
+//!   ordinary scenes, in memory or on disk. [`suite`] runs them through any pipeline and writes tables.
+//! * [`chart`] draws accuracy against time, and growth.
+
+pub mod chart;
+pub mod compare;
+pub mod difference;
+pub mod distance;
+pub mod outline;
+pub mod quality;
+pub mod rng;
+
+pub use compare::{CompareError, Comparison, compare};
+pub use outline::find_cut_edge;

@@ -14,6 +14,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
+use crate::csg::{LeafId, Tree};
 use crate::geometry::TriMesh;
 use crate::geometry::solid::{Solid, SolidError};
 use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, sample_offsets};
@@ -172,6 +173,21 @@ const MOST_RETRIES: u32 = 16;
 const JITTER_PX: f64 = 1e-7;
 
 impl Reference {
+    /// The judge for `tree` over `leaves` (in any order) seen by `camera`.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] names the leaf that cannot be cast at.
+    pub fn new(
+        leaves: Vec<TruthLeaf>,
+        tree: Tree,
+        camera: Camera,
+        samples: u32,
+        limit: LayerLimit,
+    ) -> Result<Self, ReferenceError> {
+        let inside = move |leaf_in: &dyn Fn(u32) -> bool| tree.eval(|leaf: LeafId| leaf_in(leaf.0));
+        Self::with_expression(leaves, Box::new(inside), camera, samples, limit)
+    }
+
     /// The judge for the expression `inside` over `leaves` (in any order) seen by `camera`.
     ///
     /// # Errors

@@ -459,6 +459,78 @@ fn the_judges_crossings_agree_with_the_pipelines() {
     }
 }
 
+/// A random expression over leaves 0 to 4 of the given depth.
+fn random_tree(uniform: &mut dyn FnMut() -> f64, depth: u32) -> Tree {
+    if depth == 0 || uniform() < 0.15 {
+        return Tree::leaf(LeafId((uniform() * 5.0) as u32));
+    }
+    let a = random_tree(uniform, depth - 1);
+    let b = random_tree(uniform, depth - 1);
+    match (uniform() * 4.0) as u32 {
+        0 => Tree::and(a, b),
+        1 => Tree::or(a, b),
+        2 => Tree::minus(a, b),
+        _ => Tree::not(Tree::minus(a, b)),
+    }
+}
+
+#[test]
+fn between_boundaries_every_point_is_where_the_expression_says() {
+    let v = DVec3::new;
+    let torus = Solid::Torus { centre: v(-0.2, 0.1, 0.0), axis: v(0.2, 1.0, 0.3), radius: 0.8, tube: 0.3 };
+    let cone = Solid::Cone { from: v(-0.6, -0.8, -0.8), to: v(0.3, 0.4, 0.9), radius_from: 0.8, radius_to: 0.0 };
+    let plane = Solid::HalfSpace { point: v(0.1, 0.1, 0.0), normal: v(0.3, 1.0, 0.8), extent: 10.0 };
+    let balls = vec![Ball { centre: v(0.3, 0.3, 0.3), radius: 0.5 }, Ball { centre: v(0.3, -0.5, 0.0), radius: 0.4 }];
+    let blend = Solid::Blend { balls, smoothness: 0.1 };
+    let cube = Solid::Box { min: DVec3::splat(-0.6), max: DVec3::splat(0.7) };
+    let solids = [torus, cone, plane, blend, cube];
+    let mut uniform = numbers(11);
+    let camera = camera(Lens::FovY(40.0), 64);
+    for _ in 0..60 {
+        let tree = random_tree(&mut uniform, 4);
+        let leaf = |i: usize| TruthLeaf::new(i as u32, TruthShape::Solid(solids[i].clone()));
+        let leaves = (0..solids.len()).map(leaf).collect();
+        let judge = Reference::new(leaves, tree.clone(), camera.clone(), 1, LayerLimit::All).unwrap();
+        let inside = |p: DVec3| tree.eval(|leaf| solids[leaf.0 as usize].contains(p));
+        for _ in 0..60 {
+            let px = DVec2::new(64.0 * uniform(), 64.0 * uniform());
+            let ray = camera.ray(px);
+            let found = judge.cast(px);
+            let just = |b: &RayBoundary, aside: f64| inside(ray.at(b.depth + aside));
+            for b in &found {
+                let front = b.facing == Facing::Front;
+                assert_eq!((just(b, -1e-7), just(b, 1e-7)), (!front, front), "{px} {b:?}");
+                assert!((b.normal.dot(ray.dir) < 0.0) == front);
+                assert!(solids[b.leaf as usize].signed_distance_bound(ray.at(b.depth)).abs() < 1e-10);
+                // The body's material is there, unless the result there is what is left of nothing at all.
+                let behind = ray.at(b.depth + if front { 1e-7 } else { -1e-7 });
+                let nothing_needed = tree.eval(|_| false);
+                assert!(solids[b.body as usize].contains(behind) || nothing_needed || b.body == b.leaf);
+            }
+            for _ in 0..40 {
+                let t = 9.0 * uniform();
+                let crossed = found.iter().filter(|b| b.depth < t).count();
+                assert_eq!(inside(ray.at(t)), (crossed % 2 == 1) != inside(ray.origin), "{px} {t}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_positive_form_draws_the_same_bits() {
+    let camera = camera(Lens::FovY(40.0), 32);
+    let mut uniform = numbers(12);
+    for _ in 0..8 {
+        let tree = random_tree(&mut uniform, 3);
+        let positive = tree.positive();
+        let [a, b, c] = <[TruthLeaf; 3]>::try_from(three()).expect("three leaves");
+        let leaves = || vec![a.clone(), b.clone(), c.clone(), sphere(3, -0.4, 0.6), cube(4, 0.5)];
+        let plain = Reference::new(leaves(), tree, camera.clone(), 1, LayerLimit::All).unwrap();
+        let turned = judge(leaves(), camera.clone(), move |leaf| positive.eval(|id| leaf(id.0)));
+        assert_eq!(picture(&plain), picture(&turned));
+    }
+}
+
 #[test]
 fn unusable_leaves_are_named() {
     let refuse = |leaves: Vec<TruthLeaf>, samples| {

@@ -1,5 +1,13 @@
-//! Placeholder docs, filled by the module's change.
+//! From classified surfels to the boundaries of the result at every pixel.
+//!
+//! A [`Frame`] is a [`LayerSource`](crate::layers::LayerSource): [`frame`] bins surfels into tiles, [`project`] turns a
+//! tile's surfels into view space, [`rows`] holds the kernels that find, solve and clip surfaces for eight rays at once,
+//! and [`surface`] puts them together for one block of pixels.
 
+pub mod frame;
+pub mod project;
+pub mod rows;
 pub mod settings;
+pub mod surface;
 
-pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};
+pub use frame::Frame;

@@ -1,1 +1,112 @@
-//! Placeholder docs, filled by the module's change.
+//! Surfels: oriented, curved disks (or ellipses) in world space, the scan's own samples or samples of an exact leaf.
+//!
+//! A leaf's surfels lie in Morton order, in chunks of [`CHUNK`] whose `f64` origins carry the large coordinates; a surfel
+//! keeps an `f32` offset from its chunk's origin, so that a scan 10⁷ units from the world's origin loses nothing. The
+//! chunks' bounding balls are the leaves of the hierarchy that classification descends and that the frame culls.
+
+use glam::{DVec3, Mat3, Vec3};
+
+use crate::geometry::neighbours::Neighbours;
+
+/// Surfels a chunk: a cache-friendly run, and the finest node that classification decides as a whole.
+pub const CHUNK: usize = 64;
+
+/// A symmetric 3×3 matrix: xx, xy, xz, yy, yz, zz.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(C)]
+pub struct Sym3(pub [f32; 6]);
+
+impl Sym3 {
+    /// The matrix as columns.
+    pub fn to_mat3(self) -> Mat3 {
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        Mat3::from_cols(Vec3::new(xx, xy, xz), Vec3::new(xy, yy, yz), Vec3::new(xz, yz, zz))
+    }
+
+    /// The symmetric part of `m`.
+    pub fn from_mat3(m: Mat3) -> Self {
+        let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
+        Self([x.x, 0.5 * (x.y + y.x), 0.5 * (x.z + z.x), y.y, 0.5 * (y.z + z.y), z.z])
+    }
+
+    /// M v.
+    #[inline]
+    pub fn mul(&self, v: Vec3) -> Vec3 {
+        let m = &self.0;
+        Vec3::new(
+            m[0] * v.x + m[1] * v.y + m[2] * v.z,
+            m[1] * v.x + m[3] * v.y + m[4] * v.z,
+            m[2] * v.x + m[4] * v.y + m[5] * v.z,
+        )
+    }
+}
+
+/// One surfel, world space. 56 bytes, less than a cache line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct Surfel {
+    /// Centre minus its chunk's origin.
+    pub offset: Vec3,
+    /// Radius of its support ball (the longest semi-axis where elliptical), world units, positive.
+    pub radius: f32,
+    /// Unit outward normal.
+    pub normal: Vec3,
+    /// sRGB colour and opacity, 0 to 255.
+    pub colour: [u8; 4],
+    /// Curvature M: near the centre the surface is n·e + ½ eᵀMe = 0 with e = x − centre.
+    pub curvature: Sym3,
+}
+
+/// [`CHUNK`] consecutive surfels (the last chunk may have fewer).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chunk {
+    /// World-space origin of the surfels' offsets.
+    pub origin: DVec3,
+    /// Centre of a ball that holds the centres, relative to `origin`.
+    pub centre: Vec3,
+    /// Radius of the ball that holds the centres.
+    pub extent: f32,
+    /// The largest surfel radius.
+    pub largest_radius: f32,
+}
+
+/// The surfels of one leaf.
+#[derive(Debug, Clone, Default)]
+pub struct SurfelCloud {
+    /// In Morton order.
+    pub surfels: Vec<Surfel>,
+    /// One for every [`CHUNK`] surfels.
+    pub chunks: Vec<Chunk>,
+    /// Where the input has ellipses: per surfel the matrix S with eᵀSe = 1 on the border of its support.
+    pub supports: Option<Vec<Sym3>>,
+    /// Confidence in the normal, 0 to 255, per surfel; 255 where the file gave it.
+    pub confidence: Vec<u8>,
+    /// Whether the input had a colour for each surfel (else the leaf's colour counts).
+    pub coloured: bool,
+    /// Median surfel spacing, world units.
+    pub spacing: f32,
+}
+
+impl SurfelCloud {
+    /// The number of surfels.
+    pub fn len(&self) -> usize {
+        self.surfels.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.surfels.is_empty()
+    }
+
+    /// The search over the surfels' centres.
+    pub fn neighbours(&self) -> Neighbours {
+        let origin = self.chunks.get(self.chunks.len() / 2).map_or(DVec3::ZERO, |c| c.origin);
+        Neighbours::new(origin, (0..self.len()).map(|i| (self.centre(i) - origin).as_vec3()))
+    }
+
+    /// Centre of surfel `index` in world space.
+    #[inline]
+    pub fn centre(&self, index: usize) -> DVec3 {
+        self.chunks[index / CHUNK].origin + self.surfels[index].offset.as_dvec3()
+    }
+}

@@ -1,0 +1,399 @@
+//! Clipping on surfaces: the boundaries of the result for the rays of one block of pixels.
+//!
+//! # Theory
+//! DESIGN §3.7, *deferred on curved surfels*: gather all unclipped fragments of a pixel, group them into surfaces, solve
+//! one hit per surface ([`super::rows`]), then ask the tree once per surface. The expression that is asked is the residual
+//! of the surfel nearest to the hit: that surfel's ball holds the hit, so every leaf that classification decided for the
+//! ball is decided for the hit, and the near ones are asked at the hit itself.
+//!
+//! # Changes from the paper
+//! Wicke 2004 §3.2 collects clipping partners per surfel. Here the block's list of surfels *is* the clip buffer: a surfel
+//! of leaf B can weigh on f_B at a point only if its ball holds the point, hence only if the point's ray passes its ball,
+//! hence only if it is in the list of the block. So there are no partner lists to store, and a dense partner costs no
+//! more than it would to draw.
+//!
+//! # Practice
+//! Where no surfel of a near leaf reaches the hit, the side is the nearest surfel's, looked up in object space; one answer
+//! serves all rays of the row that lie closer to it than the surface can.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8, mask32x8};
+use glam::{DVec2, DVec3, Vec3};
+
+use super::project::{View, ViewSurfel};
+use super::rows::{self, Detection, LANES, Row, Slot};
+use crate::classify::{Drawn, Model};
+use crate::csg::LeafId;
+use crate::csg::residual::{Crossing, Membership};
+use crate::layers::{Facing, LayerLimit};
+use crate::scene::LeafKind;
+use crate::space::{PixelRect, Projection, Ray};
+
+/// Newton steps on the field for surfaces that are clipped: one brings the hit onto the field that others ask; the second
+/// is for grazing rays.
+const EDGE_STEPS: u32 = 2;
+
+/// One boundary of the result on one ray, before it is a record.
+#[derive(Debug, Clone, Copy)]
+pub struct Hit {
+    /// Planar depth less the tile's anchor depth.
+    pub t: f32,
+    /// The result's outward unit normal, view axes.
+    pub normal: Vec3,
+    /// Linear RGB.
+    pub colour: [f32; 3],
+    /// 0 to 1.
+    pub opacity: f32,
+    /// Whose surface.
+    pub leaf: u32,
+    /// Whose material lies behind.
+    pub body: u32,
+    /// The result's.
+    pub facing: Facing,
+}
+
+/// One tile's surfels, ready for the kernels.
+pub struct Tile<'a> {
+    /// The scene.
+    pub model: &'a Model,
+    /// The camera.
+    pub view: &'a View,
+    /// The tile's pixels.
+    pub rect: PixelRect,
+    /// Depths are relative to this.
+    pub anchor: f64,
+    /// All surfels that may touch the tile.
+    pub surfels: Vec<ViewSurfel>,
+    /// How many boundaries to find.
+    pub limit: LayerLimit,
+}
+
+/// The surfels of one leaf that may touch one block: positions in [`Tile::surfels`], those that rays can enter first.
+#[derive(Debug, Clone, Copy)]
+pub struct Run<'a> {
+    /// The leaf.
+    pub leaf: LeafId,
+    /// Positions in [`Tile::surfels`].
+    pub members: &'a [u32],
+    /// How many of `members`, from the first, rays can enter the leaf through.
+    pub entering: usize,
+}
+
+/// Reused between rows.
+pub struct Scratch<S: Simd> {
+    slots: Vec<Slot<S>>,
+    found: Vec<(u32, f32)>,
+    reaching: Vec<u32>,
+}
+
+impl<S: Simd> Default for Scratch<S> {
+    fn default() -> Self {
+        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new() }
+    }
+}
+
+/// What the rays of one row have met so far.
+struct Met {
+    hits: [Vec<Hit>; LANES],
+}
+
+/// Traces eight rays of the tile: pixel columns `x0..x0 + 8`, row `y` (tile-relative), at sub-pixel `offset`. Hits are
+/// handed to `emit(lane, hits)` front to back.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+pub fn trace_row<S: Simd>(
+    simd: S,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    x0: u32,
+    y: u32,
+    offset: DVec2,
+    scratch: &mut Scratch<S>,
+    hits: &mut [Vec<Hit>; LANES],
+) {
+    let row = row_of(simd, tile, x0, y, offset);
+    hits.iter_mut().for_each(Vec::clear);
+    let nearest_only = tile.limit == LayerLimit::Nearest;
+    let mut hidden_from = f32x8::splat(simd, f32::INFINITY);
+    let mut met = Met { hits: std::mem::take(hits) };
+    for run in runs {
+        let field = &tile.model.fields[run.leaf.0 as usize];
+        let how = Detection { generous: field.exact.is_some(), nearest_only: nearest_only && field.exact.is_none() };
+        let mut slots = std::mem::take(&mut scratch.slots);
+        slots.clear();
+        // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
+        let (entering, leaving) = run.members.split_at(run.entering);
+        for (front, members) in [(true, entering), (false, leaving)] {
+            rows::detect(&row, &tile.surfels, members, how, &mut hidden_from, &mut slots);
+            for slot in slots.iter().filter(|slot| slot.front == front) {
+                resolve(
+                    &row,
+                    tile,
+                    runs,
+                    run,
+                    slot,
+                    nearest_only,
+                    &mut hidden_from,
+                    (x0, y, offset),
+                    scratch,
+                    &mut met,
+                );
+            }
+        }
+        scratch.slots = slots;
+    }
+    *hits = met.hits;
+    for lane in hits.iter_mut() {
+        finish_lane(lane, nearest_only);
+    }
+}
+
+#[inline(always)]
+fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> Row<S> {
+    let camera = &tile.view.camera;
+    let x: [f32; LANES] = std::array::from_fn(|lane| (f64::from(x0) + lane as f64 + offset.x) as f32);
+    let px = |lane: usize| f64::from(tile.rect.x0 + x0) + lane as f64 + offset.x - 0.5 * f64::from(camera.width);
+    let py = f64::from(tile.rect.y0 + y) + offset.y - 0.5 * f64::from(camera.height);
+    let (dir_x, dir_y): ([f32; LANES], f32) = match camera.projection {
+        Projection::Perspective { focal_px } => {
+            (std::array::from_fn(|lane| (px(lane) / focal_px) as f32), (py / focal_px) as f32)
+        }
+        Projection::Orthographic { .. } => ([0.0; LANES], 0.0),
+    };
+    let width = tile.rect.width();
+    let live = (0..LANES as u32).filter(|lane| x0 + lane < width).fold(0_u64, |bits, lane| bits | 1 << lane);
+    Row {
+        simd,
+        x: f32x8::load_array(simd, x),
+        y: (f64::from(y) + offset.y) as f32,
+        dir_x: f32x8::load_array(simd, dir_x),
+        dir_y,
+        live: mask32x8::from_bitmask(simd, live),
+    }
+}
+
+/// The world-space ray of one lane.
+fn ray_of(tile: &Tile<'_>, at: (u32, u32, DVec2), lane: usize) -> Ray {
+    let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
+    tile.view.camera.ray(px)
+}
+
+/// Solves one surface, clips it and keeps what is on the result.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn resolve<S: Simd>(
+    row: &Row<S>,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    run: &Run<'_>,
+    slot: &Slot<S>,
+    nearest_only: bool,
+    hidden_from: &mut f32x8<S>,
+    at: (u32, u32, DVec2),
+    scratch: &mut Scratch<S>,
+    met: &mut Met,
+) {
+    let field = &tile.model.fields[run.leaf.0 as usize];
+    let best: [u32; LANES] = slot.best.into();
+    let visible = slot.lanes & slot.depth().simd_lt(*hidden_from);
+    if visible.all_false() {
+        return;
+    }
+    let class_of = |lane: usize| tile.surfels[best[lane] as usize].class;
+    // Step 1: where each ray meets the surface.
+    let any_edge = (0..LANES).any(|lane| slot.lanes.test(lane) && class_of(lane).is_edge());
+    let mut lanes = 0_u64;
+    let t: [f32; LANES];
+    let mut normals = [Vec3::ZERO; LANES];
+    let mut colours = [[0.0_f32; 3]; LANES];
+    let mut opacities = [1.0_f32; LANES];
+    if let Some(exact) = &field.exact {
+        let guess: [f32; LANES] = slot.depth().into();
+        let mut depth = [f32::INFINITY; LANES];
+        for lane in (0..LANES).filter(|&lane| visible.test(lane)) {
+            let surfel = &tile.surfels[best[lane] as usize];
+            let reach = f64::from(surfel.radius.max(surfel.reach)) * 2.0;
+            let ray = ray_of(tile, at, lane);
+            if let Some(hit) = exact.nearest_crossing(&ray, tile.anchor + f64::from(guess[lane]), reach, slot.front)
+                && hit.t > 0.0
+            {
+                lanes |= 1 << lane;
+                depth[lane] = (hit.t - tile.anchor) as f32;
+                normals[lane] = tile.view.camera.rotate_to_view(hit.normal_in_world).as_vec3();
+                colours[lane] = surfel.colour;
+                opacities[lane] = surfel.opacity;
+            }
+        }
+        t = depth;
+    } else {
+        let steps = if any_edge { EDGE_STEPS } else { 0 };
+        // A surfel that rays cannot enter through weighs on no surface that they enter.
+        let members = if slot.front { &run.members[..run.entering] } else { run.members };
+        let solution = rows::solve(row, &tile.surfels, members, slot, visible, steps, &mut scratch.reaching);
+        // In front of the eye, and not behind what is already certain to hide it.
+        let ahead = solution.t.simd_gt((-tile.anchor) as f32);
+        lanes = (solution.lanes & ahead).to_bitmask();
+        t = solution.t.into();
+        let [nx, ny, nz]: [[f32; LANES]; 3] = solution.normal.map(Into::into);
+        let [r, g, b]: [[f32; LANES]; 3] = solution.colour.map(Into::into);
+        let opacity: [f32; LANES] = solution.opacity.into();
+        for lane in 0..LANES {
+            normals[lane] = Vec3::new(nx[lane], ny[lane], nz[lane]).normalize_or_zero();
+            colours[lane] = [r[lane], g[lane], b[lane]];
+            opacities[lane] = opacity[lane];
+        }
+    }
+    if lanes == 0 {
+        return;
+    }
+    // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
+    let mut crossings: [Option<Crossing>; LANES] = [None; LANES];
+    let mut pending = lanes;
+    while pending != 0 {
+        let first = pending.trailing_zeros() as usize;
+        let drawn = class_of(first).drawn();
+        let same = (0..LANES).filter(|&l| pending >> l & 1 == 1 && class_of(l).drawn() == drawn);
+        let mask = same.fold(0_u64, |bits, lane| bits | 1 << lane);
+        pending &= !mask;
+        match drawn {
+            None => {}
+            Some(Drawn::Surface(crossing)) => {
+                for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                    crossings[lane] = Some(crossing);
+                }
+            }
+            Some(Drawn::Edge(number)) => {
+                let residual = &tile.model.classes[run.leaf.0 as usize].residuals[number as usize];
+                let mut inside = [0_u64; LANES];
+                let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
+                for (place, near) in residual.near.iter().enumerate() {
+                    let bits = sides(row, tile, runs, *near, &t, mask, at, &mut scratch.found);
+                    if place < 64 {
+                        for (lane, word) in inside.iter_mut().enumerate() {
+                            *word |= (bits >> lane & 1) << place;
+                        }
+                    } else {
+                        many[place - 64] = bits;
+                    }
+                }
+                for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                    crossings[lane] = residual.crossing(|place| {
+                        let word = if place < 64 { inside[lane] >> place } else { many[place - 64] >> lane };
+                        word & 1 == 1
+                    });
+                }
+            }
+        }
+    }
+    // Step 3: keep what is on the result.
+    let mut seen = f32x8::splat(row.simd, f32::INFINITY);
+    for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
+        let Some(crossing) = crossings[lane] else { continue };
+        let sheet = field.kind == LeafKind::Sheet;
+        let enters_result = sheet || (crossing == Crossing::Rises) == slot.front;
+        let facing = if enters_result { Facing::Front } else { Facing::Back };
+        let outward = if sheet { slot.front } else { crossing == Crossing::Rises };
+        let normal = if outward { normals[lane] } else { -normals[lane] };
+        let index = tile.surfels[best[lane] as usize].index as usize;
+        let body = match crossing {
+            Crossing::Rises => run.leaf.0,
+            Crossing::Falls => body_behind(tile, run.leaf, index, t[lane], at, lane, &mut scratch.found),
+        };
+        let opacity = opacities[lane].clamp(0.0, 1.0);
+        let hit = Hit { t: t[lane], normal, colour: colours[lane], opacity, leaf: run.leaf.0, body, facing };
+        met.hits[lane].push(hit);
+        if opacity >= 1.0 {
+            seen[lane] = t[lane];
+        }
+    }
+    if nearest_only {
+        *hidden_from = hidden_from.min(seen);
+    }
+}
+
+/// Which lanes' points lie inside leaf `near`, as bits.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn sides<S: Simd>(
+    row: &Row<S>,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    near: LeafId,
+    t: &[f32; LANES],
+    mask: u64,
+    at: (u32, u32, DVec2),
+    found: &mut Vec<(u32, f32)>,
+) -> u64 {
+    let field = &tile.model.fields[near.0 as usize];
+    let world = |lane: usize| ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+    if let Some(exact) = &field.exact {
+        let inside = |lane: &usize| exact.contains(world(*lane));
+        return (0..LANES).filter(|l| mask >> l & 1 == 1).filter(inside).fold(0, |bits, lane| bits | 1 << lane);
+    }
+    let lanes = mask32x8::from_bitmask(row.simd, mask);
+    let (mut bits, mut reached) = (0, 0);
+    if let Some(run) = runs.iter().find(|r| r.leaf == near) {
+        let depth = f32x8::load_array(row.simd, *t);
+        let (value, support) = rows::ask(row, &tile.surfels, run.members, depth, lanes);
+        reached = support.to_bitmask();
+        bits = (support & value.simd_lt(0.0)).to_bitmask();
+    }
+    let mut unreached = mask & !reached;
+    let mut known: Option<(DVec3, f64, bool)> = None;
+    while unreached != 0 {
+        let lane = unreached.trailing_zeros() as usize;
+        unreached &= unreached - 1;
+        let p = world(lane);
+        let inside = match known {
+            // The surface keeps its distance from the last answer's point, so this side of it is the same.
+            Some((from, clearance, side)) if p.distance(from) < clearance => side,
+            _ => {
+                found.clear();
+                match field.search.nearest_in_world(p) {
+                    None => false,
+                    Some((nearest, distance)) => {
+                        let side = field.far_inside(p, nearest);
+                        known = Some((p, f64::from(distance) - f64::from(field.largest_radius()), side));
+                        side
+                    }
+                }
+            }
+        };
+        bits |= u64::from(inside) << lane;
+    }
+    bits
+}
+
+/// The leaf whose material lies behind a surface of subtracted leaf `own`: the first positive leaf that holds the point.
+fn body_behind(
+    tile: &Tile<'_>,
+    own: LeafId,
+    surfel: usize,
+    t: f32,
+    at: (u32, u32, DVec2),
+    lane: usize,
+    found: &mut Vec<(u32, f32)>,
+) -> u32 {
+    let holds = |leaf: &LeafId| match tile.model.status(own, surfel, *leaf) {
+        Membership::In => true,
+        Membership::Out => false,
+        Membership::Near => {
+            let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t));
+            tile.model.fields[leaf.0 as usize].contains(p, found)
+        }
+    };
+    let mut holds = holds;
+    let mut candidates = tile.model.positive_leaves().iter().filter(|&&leaf| leaf != own);
+    candidates.find(|l| holds(l)).map_or(own.0, |l| l.0)
+}
+
+/// Sorts a ray's hits and drops what two groups found twice.
+fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
+    hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.leaf.cmp(&b.leaf)));
+    hits.dedup_by(|b, a| a.leaf == b.leaf && a.facing == b.facing && a.t == b.t);
+    if nearest_only {
+        // Surfaces that let light through show what is behind them: keep up to the first opaque one.
+        let opaque = hits.iter().position(|h| h.opacity >= 1.0);
+        hits.truncate(opaque.map_or(hits.len(), |last| last + 1));
+    }
+}
