@@ -174,6 +174,7 @@ fn values_that_cannot_be_are_counted_and_the_first_is_named() {
     check(refuse("a.xyz", "1 2 3\n1 -inf 3\nnan 2 3\n"), 2, Place::Line(2), "y is -inf");
     check(refuse("a.xyz", "1 2 3 0 1 0\n1 2 3 0 nan 0\n"), 1, Place::Line(2), "ny is NaN");
     check(refuse("a.obj", "v 1 2 3\nv 1 2 1e999\n"), 1, Place::Line(2), "z is inf");
+    check(refuse("a.xyz", "1 2 3\n1 2 1e16\n"), 1, Place::Line(2), "z is 1e16, beyond");
     let radius = ply(&format!("element vertex 2\n{XYZ}property float radius\nend_header\n1 2 3 1\n1 2 3 0\n"));
     check(refuse("a.ply", radius), 1, Place::Line(10), "radius is 0");
     let mut stl = [0; 84 + 100];
@@ -231,4 +232,17 @@ fn text_points_that_are_wrong() {
     says(&xyz("1.5\n1 2 3\n"), "no number of points", Place::Column { line: 1, column: 1 });
     assert!(matches!(xyz("3\n"), ReadError::Malformed { .. }));
     assert!(matches!(refuse("a.xyz", b"1 2 \xff\xff\n"), ReadError::Malformed { .. }));
+}
+
+#[test]
+fn a_header_of_forty_thousand_lines_is_read_in_no_time() {
+    let properties: String = (0..40_000).map(|i| format!("property uchar p{i}\n")).collect();
+    let started = std::time::Instant::now();
+    let message = refuse("a.ply", ply(&format!("element vertex 0\nelement a 0\n{properties}end_header\n"))).to_string();
+    assert!(message.len() < 1000, "{} bytes", message.len());
+    let text = ply(&format!("element vertex 1\n{properties}end_header\n{}\n", "1 ".repeat(40_000)));
+    let message = refuse("a.ply", text).to_string();
+    assert!(message.contains("lacks x, y or z") && message.len() < 1000, "{message}");
+    // A search of all names for each name would take minutes.
+    assert!(started.elapsed().as_secs() < 5);
 }
