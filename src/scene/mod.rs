@@ -15,6 +15,7 @@ use crate::space::{Camera, CameraError, Lens};
 pub mod colour;
 pub mod framing;
 pub mod inline_solid;
+pub mod inspect;
 pub mod load;
 pub mod nearest_name;
 pub mod one_liner;

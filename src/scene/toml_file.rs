@@ -26,7 +26,8 @@
 //!
 //! Every mistake is an error with its line and column, and says what would mend it.
 
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use toml::de::DeTable;
@@ -182,6 +183,61 @@ pub enum SceneProblem {
     /// No picture can be taken.
     #[error("{0}")]
     Camera(CameraError),
+}
+
+/// Why a scene file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadSceneError {
+    /// The system failed to hand over the file.
+    #[error("{}: cannot be read: {source}; check the name and the permissions", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is no text, or far larger than a scene.
+    #[error("{}: this is no scene file: {what}; scenes are TOML text, see `surfcut render --help`", path.display())]
+    NotAScene {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// The scene has a mistake.
+    #[error("{}:{}:{}: {}", path.display(), error.place.line, error.place.column, error.problem)]
+    Scene {
+        /// The file.
+        path: PathBuf,
+        /// The mistake.
+        error: Box<SceneError>,
+        /// The line with the mistake.
+        line: String,
+    },
+}
+
+/// The scene in the file at `path`; relative paths in it are taken from the file's directory. Reads no other file.
+///
+/// # Errors
+/// [`ReadSceneError`] names the file, and the line and column where there is one.
+pub fn read(path: &Path) -> Result<Scene, ReadSceneError> {
+    /// An expression of a million leaves takes some ten megabytes.
+    const LARGEST: u64 = 256 << 20;
+    let io_error = |source| ReadSceneError::Io { path: path.to_owned(), source };
+    let not_a_scene = |what| ReadSceneError::NotAScene { path: path.to_owned(), what };
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(io_error)?;
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io_error)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(not_a_scene("it is larger than 256 MiB"));
+    }
+    let text = String::from_utf8(bytes).map_err(|_| not_a_scene("it is not UTF-8 text"))?;
+    let base_dir = path.parent().unwrap_or(Path::new(""));
+    parse(&text, base_dir).map_err(|error| {
+        let line = text.lines().nth(error.place.line - 1).unwrap_or_default();
+        let line = line.strip_prefix('\u{feff}').unwrap_or(line).to_owned();
+        ReadSceneError::Scene { path: path.to_owned(), error: Box::new(error), line }
+    })
 }
 
 fn did_you_mean(suggestion: &Option<String>) -> String {
