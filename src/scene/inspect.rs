@@ -124,11 +124,8 @@ impl CloudHealth {
     pub fn of(cloud: &PointCloud, world_from_leaf: &DAffine3) -> Self {
         let middle = cloud.positions.get(cloud.len() / 2).copied().unwrap_or_default();
         let origin = world_from_leaf.transform_point3(middle);
-        let offsets: Vec<Vec3> = cloud
-            .positions
-            .par_iter()
-            .map(|&p| (world_from_leaf.transform_point3(p) - origin).as_vec3())
-            .collect();
+        let offsets: Vec<Vec3> =
+            cloud.positions.par_iter().map(|&p| (world_from_leaf.transform_point3(p) - origin).as_vec3()).collect();
         let unique = first_of_each_place(&offsets);
         let search = Neighbours::new(DVec3::ZERO, unique.iter().map(|&i| offsets[i as usize]));
         // Normals turn by the inverse transpose; a mirrored leaf's normals still point outward.
@@ -138,11 +135,8 @@ impl CloudHealth {
             (world_normal_from_leaf * normal.as_dvec3()).try_normalize()
         };
         let step = unique.len().div_ceil(INSPECTED).max(1);
-        let looks: Vec<Look> = unique
-            .par_iter()
-            .step_by(step)
-            .filter_map(|&i| Look::at(i, &offsets, &unique, &search, &normal))
-            .collect();
+        let looks: Vec<Look> =
+            unique.par_iter().step_by(step).filter_map(|&i| Look::at(i, &offsets, &unique, &search, &normal)).collect();
         let mut spacings: Vec<f32> = looks.iter().map(|look| look.nearest).collect();
         spacings.sort_by(f32::total_cmp);
         let mut rings: Vec<f32> = looks.iter().map(|look| look.ring).collect();
@@ -233,7 +227,8 @@ mod tests {
 
     /// A closed cube of side 2, faces outward.
     fn cube() -> TriMesh {
-        let positions = (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64) * 2.0).collect();
+        let positions =
+            (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64) * 2.0).collect();
         let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
         let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
         TriMesh { positions, triangles, colours: None }

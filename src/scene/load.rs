@@ -315,6 +315,11 @@ impl LoadedScene {
             }
     }
 
+    /// Whether a file brings opacities of its own (Gaussian splats), so that deeper surfaces show.
+    pub fn has_own_opacities(&self) -> bool {
+        self.geometry.iter().any(|geometry| matches!(geometry, LeafGeometry::Cloud(cloud) if cloud.opacities.is_some()))
+    }
+
     /// The scene's camera, or one that frames the result.
     ///
     /// # Errors
