@@ -268,18 +268,27 @@ impl Reference {
 fn coincidence(leaves: &[Prepared], camera: &Camera) -> f64 {
     /// A crossing's depth carries the rounding of a few dozen operations on coordinates.
     const ROUNDINGS: f64 = 64.0;
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for leaf in leaves {
-        let (min, max) = match &leaf.caster {
-            Caster::Implicit(solid) => solid.drawn_bounds(),
-            Caster::Mesh(mesh) => mesh.bounds(),
-        };
-        for corner in 0..8u32 {
-            let pick = |bit: u32, a: f64, b: f64| if corner >> bit & 1 == 0 { a } else { b };
-            let p_in_leaf = DVec3::new(pick(0, min.x, max.x), pick(1, min.y, max.y), pick(2, min.z, max.z));
-            let p_in_world = leaf.truth.world_from_leaf.transform_point3(p_in_leaf);
-            (low, high) = (low.min(p_in_world), high.max(p_in_world));
+    let world_bounds = |leaves: &mut dyn Iterator<Item = &Prepared>| {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for leaf in leaves {
+            let (min, max) = match &leaf.caster {
+                Caster::Implicit(solid) => solid.drawn_bounds(),
+                Caster::Mesh(mesh) => mesh.bounds(),
+            };
+            for corner in 0..8u32 {
+                let pick = |bit: u32, a: f64, b: f64| if corner >> bit & 1 == 0 { a } else { b };
+                let p_in_leaf = DVec3::new(pick(0, min.x, max.x), pick(1, min.y, max.y), pick(2, min.z, max.z));
+                let p_in_world = leaf.truth.world_from_leaf.transform_point3(p_in_leaf);
+                (low, high) = (low.min(p_in_world), high.max(p_in_world));
+            }
         }
+        (low, high)
+    };
+    // A half-space may be drawn far beyond everything else: it has no size unless there is nothing else.
+    let is_bounded = |leaf: &&Prepared| !matches!(leaf.truth.shape, TruthShape::Solid(Solid::HalfSpace { .. }));
+    let (mut low, mut high) = world_bounds(&mut leaves.iter().filter(is_bounded));
+    if !(low.is_finite() && high.is_finite()) {
+        (low, high) = world_bounds(&mut leaves.iter());
     }
     if !(low.is_finite() && high.is_finite()) {
         return f64::MIN_POSITIVE; // no leaf, or only empty meshes

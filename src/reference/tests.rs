@@ -193,6 +193,41 @@ fn coplanar_faces_of_a_union_show_no_seam() {
 }
 
 #[test]
+fn faces_that_coincide_but_for_rounding_toggle_together() {
+    // A solid cube and a mesh of one, turned: their crossings are found by different sums.
+    let turned = DAffine3::from_quat(DQuat::from_euler(EulerRot::XYZ, 0.3, 0.5, 0.2));
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 1.4 - 0.7;
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let mesh = TriMesh {
+        positions: (0..8).map(corner).collect(),
+        triangles: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect(),
+        colours: None,
+    };
+    assert!((mesh.signed_volume() - 1.4f64.powi(3)).abs() < 1e-12);
+    let mesh = TruthShape::Mesh(Arc::new(mesh));
+    let pair =
+        || [cube(0, 0.7), TruthLeaf::new(1, mesh.clone())].map(|l| TruthLeaf { world_from_leaf: turned, ..l }).to_vec();
+    let camera = camera(Lens::FovY(40.0), 48);
+    assert!(picture(&judge(pair(), camera.clone(), |leaf| leaf(0) && !leaf(1))).is_empty());
+    assert!(picture(&judge(pair(), camera.clone(), |leaf| leaf(1) && !leaf(0))).is_empty());
+    let both = picture(&judge(pair(), camera, |leaf| leaf(0) || leaf(1)));
+    // Of leaves that tie the first owns.
+    assert!(!both.is_empty() && both.iter().all(|b| b.leaf == 0));
+}
+
+#[test]
+fn where_a_cutter_ends_and_a_solid_begins_the_solid_owns_the_face() {
+    let slab = |leaf, x0: f64, x1: f64| {
+        let (min, max) = (DVec3::new(x0, -1.0, -1.0), DVec3::new(x1, 1.0, 1.0));
+        TruthLeaf::new(leaf, TruthShape::Solid(Solid::Box { min, max }))
+    };
+    let camera = Camera::look_at(DVec3::X * -5.0, DVec3::ZERO, DVec3::Z, Lens::FovY(10.0), 16, 16).unwrap();
+    let judge = judge(vec![slab(0, -1.0, 0.2), slab(1, 0.2, 1.0)], camera, |leaf| leaf(1) && !leaf(0));
+    let told: Vec<_> = judge.cast(DVec2::splat(7.3)).iter().map(|b| (b.leaf, b.body, b.facing)).collect();
+    assert_eq!(told, [(1, 1, Facing::Front), (1, 1, Facing::Back)]);
+}
+
+#[test]
 fn de_morgans_images_and_any_order_of_leaves_are_the_same_bits() {
     let camera = camera(Lens::FovY(40.0), 48);
     let plain = picture(&judge(three(), camera.clone(), |leaf| (leaf(0) || leaf(1)) && !leaf(2)));
@@ -528,6 +563,28 @@ fn the_positive_form_draws_the_same_bits() {
         let plain = Reference::new(leaves(), tree, camera.clone(), 1, LayerLimit::All).unwrap();
         let turned = judge(leaves(), camera.clone(), move |leaf| positive.eval(|id| leaf(id.0)));
         assert_eq!(picture(&plain), picture(&turned));
+    }
+}
+
+#[test]
+fn the_judges_mesh_crossings_agree_with_the_pipelines() {
+    let mesh = Arc::new(mesh_sphere(15, 1.0));
+    let own = CastMesh::new(mesh.clone()).unwrap();
+    let theirs = crate::geometry::MeshBvh::new(mesh).unwrap();
+    let mut uniform = numbers(8);
+    let mut hits = Vec::new();
+    for _ in 0..5000 {
+        let (through, dir) = (random_point(&mut uniform), random_point(&mut uniform));
+        let origin = through - dir * 4.0;
+        let mut mine = own.crossings(origin, dir, false).unwrap();
+        mine.sort_by(|a, b| a.t.total_cmp(&b.t));
+        theirs.intersect(origin, dir, &mut hits);
+        assert_eq!(mine.len(), hits.len());
+        for (a, b) in mine.iter().zip(&hits) {
+            let cos = b.normal.dot(dir.normalize()).abs();
+            assert!((a.t - b.t).abs() * dir.length() < 1e-13 / cos);
+            assert!((a.normal - b.normal).length() < 1e-12);
+        }
     }
 }
 

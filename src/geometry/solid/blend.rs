@@ -7,10 +7,18 @@
 //! min dᵢ − k ln n ≤ f ≤ min dᵢ, so the surface lies within k ln n outside the balls.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::{DVec3, IVec3};
 
 use super::Ball;
+
+/// A ball's share exp(x), x ≤ 0: far balls' would not change a bit of the sum.
+fn weight(x: f64) -> f64 {
+    /// ln 2⁻⁵³ = −36.7: below, the share is under half a unit in the last place of a sum of at least 1.
+    const NEGLIGIBLE: f64 = -37.0;
+    if x < NEGLIGIBLE { 0.0 } else { x.exp() }
+}
 
 /// The function f of a blend.
 #[derive(Debug, Clone, Copy)]
@@ -61,7 +69,7 @@ impl<'a> BlendField<'a> {
         let (mut sum, mut toward) = (0.0, DVec3::ZERO);
         for ball in self.balls {
             let e = p - ball.centre;
-            let weight = ((least - (e.length() - ball.radius)) / self.k).exp();
+            let weight = weight((least - (e.length() - ball.radius)) / self.k);
             sum += weight;
             toward += e.normalize_or_zero() * weight;
         }
@@ -148,56 +156,74 @@ impl<'a> BlendField<'a> {
         self.balls.iter().map(|b| b.radius).fold(f64::INFINITY, f64::min)
     }
 
-    /// Calls `visit` with the centre of every cell of side `≤ side` that the surface may pass through, in a fixed order;
-    /// returns the cells' side.
-    fn cells_near_surface(&self, side: f64, visit: &mut impl FnMut(DVec3)) -> f64 {
+    /// Calls `visit` with centre, f and gradient of every cell of side `≤ side` that the surface may pass through and that no
+    /// larger cell around it was `skip`ped with (given its centre and half diagonal), in a fixed order; returns the side.
+    fn cells_near_surface<S>(
+        &self,
+        side: f64,
+        state: &mut S,
+        skip: &impl Fn(&S, DVec3, f64) -> bool,
+        visit: &mut impl FnMut(&mut S, DVec3, f64, DVec3),
+    ) -> f64 {
         let (min, max) = self.bounds();
         let extent = (max - min).max_element();
         let levels = (extent / side).log2().ceil().max(0.0) as u32;
-        self.visit_cells(0.5 * (min + max), extent, levels, visit);
+        self.visit_cells(0.5 * (min + max), extent, levels, state, skip, visit);
         extent / 2f64.powi(levels as i32)
     }
 
-    fn visit_cells(&self, centre: DVec3, side: f64, levels: u32, visit: &mut impl FnMut(DVec3)) {
-        let half_diagonal = 0.5 * side * 3f64.sqrt();
-        if !(self.value(centre).abs() <= half_diagonal) {
-            return; // f is 1-Lipschitz: no zero in the cell
+    fn visit_cells<S>(
+        &self,
+        centre: DVec3,
+        side: f64,
+        levels: u32,
+        state: &mut S,
+        skip: &impl Fn(&S, DVec3, f64) -> bool,
+        visit: &mut impl FnMut(&mut S, DVec3, f64, DVec3),
+    ) {
+        let half_diagonal = HALF_DIAGONAL * side;
+        if skip(state, centre, half_diagonal) {
+            return;
         }
+        // f is 1-Lipschitz: beyond half the diagonal there is no zero in the cell.
         if levels == 0 {
-            return visit(centre);
+            let (f, gradient) = self.value_and_gradient(centre);
+            if f.abs() <= half_diagonal {
+                visit(state, centre, f, gradient);
+            }
+            return;
+        }
+        if !(self.value(centre).abs() <= half_diagonal) {
+            return;
         }
         for corner in 0..8u32 {
             let toward =
                 DVec3::new(f64::from(corner & 1) - 0.5, f64::from(corner >> 1 & 1) - 0.5, f64::from(corner >> 2) - 0.5);
-            self.visit_cells(centre + toward * (0.5 * side), 0.5 * side, levels - 1, visit);
+            self.visit_cells(centre + toward * (0.5 * side), 0.5 * side, levels - 1, state, skip, visit);
         }
     }
 
-    /// Surface points such that every point of the surface has one within [`COVER`](super::COVER) spacings, none two closer
-    /// than [`APART`] spacings.
+    /// Surface points such that every point of the surface has one within [`COVER`](super::COVER) spacings.
     ///
-    /// Every cell of a fine grid that the surface may pass through is projected onto it. A surface point lies within half a
-    /// cell's diagonal of such a centre, hence about as near to its projection, and thinning removes a projection only if
-    /// another is within `APART`.
+    /// Every cell of a fine grid that the surface may pass through is projected onto it, unless its part of the surface is
+    /// covered already. A surface point lies within half a cell's diagonal of such a centre, hence about as near to its
+    /// projection, and a projection is left out only if a sample is within [`APART`] spacings.
     pub(super) fn sample(&self, spacing: f64, emit: &mut impl FnMut(DVec3, DVec3)) {
         // Cells smaller than the balls too, else projections jump between them.
         let side = (CELL * spacing).min(0.5 * self.least_radius());
-        let apart = APART * spacing;
-        let mut kept: HashMap<IVec3, Vec<DVec3>> = HashMap::new();
-        let bucket = |p: DVec3| (p / apart).floor().as_ivec3();
-        self.cells_near_surface(side, &mut |centre| {
-            let Some((p, normal)) = self.project(centre) else { return };
-            let home = bucket(p);
-            let crowded = (-1..=1).any(|x| {
-                (-1..=1).any(|y| {
-                    (-1..=1).any(|z| {
-                        let near = kept.get(&(home + IVec3::new(x, y, z)));
-                        near.is_some_and(|points| points.iter().any(|q| (p - *q).length_squared() < apart * apart))
-                    })
-                })
-            });
-            if !crowded {
-                kept.entry(home).or_default().push(p);
+        let (apart, cover) = (APART * spacing, super::COVER * spacing);
+        let covered = |kept: &Kept, centre: DVec3, half_diagonal: f64| {
+            cover > half_diagonal && kept.any_within(centre, cover - half_diagonal)
+        };
+        let mut kept = Kept::new(self.balls[0].centre, cover);
+        self.cells_near_surface(side, &mut kept, &covered, &mut |kept, centre, f, gradient| {
+            // One Newton step tells well enough whether another sample is near.
+            let about = centre - gradient * (f / gradient.length_squared());
+            if about.is_finite() && kept.any_within(about, apart) {
+                return;
+            }
+            if let Some((p, normal)) = self.project(centre) {
+                kept.add(p);
                 emit(p, normal);
             }
         });
@@ -208,16 +234,14 @@ impl<'a> BlendField<'a> {
         /// Cells along the blend's longest side.
         const CELLS: f64 = 96.0;
         let (min, max) = self.bounds();
-        let mut sum = 0.0;
         let mut values = Vec::new();
-        let side = self.cells_near_surface((max - min).max_element() / CELLS, &mut |centre| {
-            values.push(self.value_and_gradient(centre));
+        let side = (max - min).max_element() / CELLS;
+        let side = self.cells_near_surface(side, &mut values, &|_, _, _| false, &mut |values, _, f, gradient| {
+            values.push((f, gradient.length()));
         });
         // Cells further than half their diagonal were skipped, so the hat must end there.
-        let width = 0.5 * side * 3f64.sqrt();
-        for (f, gradient) in values {
-            sum += (1.0 - f.abs() / width).max(0.0) / width * gradient.length();
-        }
+        let width = HALF_DIAGONAL * side;
+        let sum: f64 = values.into_iter().map(|(f, slope)| (1.0 - f.abs() / width).max(0.0) / width * slope).sum();
         sum * side.powi(3)
     }
 
@@ -261,8 +285,77 @@ impl<'a> BlendField<'a> {
     }
 }
 
+/// Half the diagonal of a cube of side 1, a little more for rounding: √3/2 = 0.866025….
+const HALF_DIAGONAL: f64 = 0.86603;
+
 /// Side of a grid cell in [`BlendField::sample`], in spacings.
 const CELL: f64 = 0.2;
 
-/// The least distance between two samples, in spacings: what the half diagonal of a cell leaves of [`super::COVER`].
-const APART: f64 = super::COVER - 0.5 * CELL * 1.733;
+/// How near a sample must be for a projection to be left out, in spacings: what half a cell's diagonal leaves of
+/// [`super::COVER`].
+const APART: f64 = super::COVER - HALF_DIAGONAL * CELL;
+
+/// Points in cubes of side `2 · reach`, so that whatever is within `reach` of a place is in the 8 cubes nearest to it.
+struct Kept {
+    /// Where a cube's corner is: near the points, however far they are from the leaf's origin.
+    origin: DVec3,
+    reach: f64,
+    /// The last point added to each cube, and for each point the one added to its cube before.
+    last: HashMap<IVec3, u32, BuildHasherDefault<CubeHasher>>,
+    points: Vec<(DVec3, u32)>,
+}
+
+impl Kept {
+    const NONE: u32 = u32::MAX;
+
+    fn new(origin: DVec3, reach: f64) -> Self {
+        Self { origin, reach, last: HashMap::default(), points: Vec::new() }
+    }
+
+    fn add(&mut self, p: DVec3) {
+        let index = self.points.len() as u32;
+        let before =
+            self.last.insert(((p - self.origin) / (2.0 * self.reach)).floor().as_ivec3(), index).unwrap_or(Self::NONE);
+        self.points.push((p, before));
+    }
+
+    /// Whether a point is within `distance`, which is at most `reach`, of `p`.
+    fn any_within(&self, p: DVec3, distance: f64) -> bool {
+        let first = ((p - self.origin) / (2.0 * self.reach) - 0.5).floor().as_ivec3();
+        (0..8).any(|corner| {
+            let cube = first + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let mut next = self.last.get(&cube).copied().unwrap_or(Self::NONE);
+            while let Some((q, before)) = self.points.get(next as usize) {
+                if (p - *q).length_squared() <= distance * distance {
+                    return true;
+                }
+                next = *before;
+            }
+            false
+        })
+    }
+}
+
+/// A hash for cubes' coordinates: the standard one withstands attackers, which costs half the sampling's time.
+#[derive(Default)]
+struct CubeHasher(u64);
+
+impl Hasher for CubeHasher {
+    fn finish(&self) -> u64 {
+        self.0 ^ (self.0 >> 32)
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|b| self.write_u64(u64::from(*b)));
+    }
+
+    fn write_i32(&mut self, value: i32) {
+        self.write_u64(u64::from(value as u32));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        /// 2⁶⁴ divided by the golden ratio, odd.
+        const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
+        self.0 = (self.0.rotate_left(23) ^ value).wrapping_mul(SPREAD);
+    }
+}
