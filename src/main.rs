@@ -1,2 +1,9 @@
 //! The surfcut command.
-fn main() {}
+
+use std::process::ExitCode;
+
+mod cli;
+
+fn main() -> ExitCode {
+    ExitCode::from(cli::run())
+}

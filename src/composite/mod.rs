@@ -4,4 +4,4 @@ pub mod picture;
 pub mod shaded;
 
 pub use picture::Picture;
-pub use shaded::{Look, shaded};
+pub use shaded::{Look, shaded, shaded_stack};

@@ -6,11 +6,13 @@
 //! front. Samples are blended in linear light, each front to back on its own, so that edges between two leaves of one
 //! pixel show neither background nor halo.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use super::Picture;
-use crate::layers::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
+use crate::layers::{Boundary, LayerSource, LayerStack, LayerTile, MAX_SAMPLES, TILE_SIDE};
 use crate::scene::Light;
 use crate::space::{Camera, PixelRect};
 
@@ -78,34 +80,60 @@ impl<'a> Shader<'a> {
 /// on any number of threads. `on_tile` is called once for each finished tile, from any thread (there are
 /// [`tile_count`]).
 pub fn shaded(source: &dyn LayerSource, look: &Look, on_tile: &(dyn Fn() + Sync)) -> Picture {
-    let camera = source.camera();
+    let draw = |rect, blend: &dyn Fn(&LayerTile) -> Blended| {
+        let drawn = blend(&source.draw(rect));
+        on_tile();
+        drawn
+    };
+    by_tiles(source.camera(), source.samples(), look, &draw)
+}
+
+/// As [`shaded`], for layers that are all in memory.
+pub fn shaded_stack(stack: &LayerStack, look: &Look) -> Picture {
+    let across = stack.camera.width.div_ceil(TILE_SIDE);
+    let draw = |rect: PixelRect, blend: &dyn Fn(&LayerTile) -> Blended| {
+        blend(&stack.tiles()[(rect.y0 / TILE_SIDE * across + rect.x0 / TILE_SIDE) as usize])
+    };
+    by_tiles(&stack.camera, stack.samples, look, &draw)
+}
+
+/// A tile's pixels, row by row, and how many of them show a surface.
+struct Blended {
+    pixels: Vec<[f32; 4]>,
+    covered: u64,
+}
+
+/// Gives a rectangle's tile to the function that blends it.
+type DrawTile<'a> = dyn Fn(PixelRect, &dyn Fn(&LayerTile) -> Blended) -> Blended + Sync + 'a;
+
+fn by_tiles(camera: &Camera, samples: u32, look: &Look, draw: &DrawTile) -> Picture {
     let (width, height) = (camera.width, camera.height);
     let shader = Shader::new(&look.light, camera);
-    let samples = source.samples().clamp(1, MAX_SAMPLES);
+    let samples = samples.clamp(1, MAX_SAMPLES);
     let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
+    let covered = AtomicU64::new(0);
     let band_length = width as usize * TILE_SIDE as usize;
     pixels.par_chunks_mut(band_length.max(1)).enumerate().for_each(|(band_index, band)| {
         let y0 = band_index as u32 * TILE_SIDE;
         let y1 = (y0 + TILE_SIDE).min(height);
-        let tiles: Vec<(u32, Vec<[f32; 4]>)> = (0..width)
+        let tiles: Vec<(u32, Blended)> = (0..width)
             .into_par_iter()
             .step_by(TILE_SIDE as usize)
             .map(|x0| {
                 let rect = PixelRect { x0, y0, x1: (x0 + TILE_SIDE).min(width), y1 };
-                let drawn = blend_tile(&source.draw(rect), samples, &shader, look.background);
-                on_tile();
-                (x0, drawn)
+                (x0, draw(rect, &|tile| blend_tile(tile, samples, &shader, look.background)))
             })
             .collect();
         for (x0, tile) in tiles {
-            let across = tile.len() / (y1 - y0) as usize;
-            for (row, line) in tile.chunks_exact(across).enumerate() {
+            covered.fetch_add(tile.covered, Ordering::Relaxed);
+            let across = tile.pixels.len() / (y1 - y0) as usize;
+            for (row, line) in tile.pixels.chunks_exact(across).enumerate() {
                 let start = row * width as usize + x0 as usize;
                 band[start..start + across].copy_from_slice(line);
             }
         }
     });
-    Picture { width, height, pixels, has_alpha: look.background[3] < 1.0 }
+    Picture { width, height, pixels, covered: covered.into_inner(), has_alpha: look.background[3] < 1.0 }
 }
 
 /// How many tiles [`shaded`] draws for `camera`.
@@ -113,20 +141,22 @@ pub fn tile_count(camera: &Camera) -> u64 {
     u64::from(camera.width.div_ceil(TILE_SIDE)) * u64::from(camera.height.div_ceil(TILE_SIDE))
 }
 
-fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Vec<[f32; 4]> {
+fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Blended {
     let mut pixels = Vec::with_capacity(tile.rect.area());
+    let mut covered = 0;
     for y in tile.rect.y0..tile.rect.y1 {
         for x in tile.rect.x0..tile.rect.x1 {
             let boundaries = tile.at(x, y);
             pixels.push(if boundaries.is_empty() {
                 background
             } else {
+                covered += 1;
                 let towards_eye = shader.towards_eye(x, y);
                 blend(boundaries, samples, background, |boundary| shader.lit(boundary, towards_eye))
             });
         }
     }
-    pixels
+    Blended { pixels, covered }
 }
 
 /// One pixel: the mean over its samples, each blended front to back over `background`. Linear, straight alpha.
@@ -182,7 +212,6 @@ mod tests {
     use super::*;
     use crate::layers::Facing;
     use crate::space::Lens;
-    use std::sync::atomic::{AtomicU64, Ordering};
 
     /// A source whose pixels are a function of their position.
     struct Painted<F> {
@@ -293,6 +322,9 @@ mod tests {
         };
         let picture = shaded(&source, &Look { light, background: CLEAR }, &count);
         assert_eq!(tiles.into_inner(), tile_count(&source.camera));
+        assert_eq!(shaded_stack(&LayerStack::collect(&source), &Look { light, background: CLEAR }), picture);
+        let seen = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(|&(x, y)| !at(x, y).is_empty());
+        assert_eq!(picture.covered, seen.count() as u64);
         let middle = GROUND_SHARE + 0.5 * (1.0 - GROUND_SHARE);
         for y in 0..height {
             for x in 0..width {

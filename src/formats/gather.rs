@@ -13,6 +13,10 @@ use super::notes::{Note, NoteKind};
 use super::{Geometry, ReadOptions};
 use crate::geometry::{Ellipse, PointCloud, TriMesh};
 
+/// The farthest a coordinate may lie from the origin: there, neighbouring `f64` are an eighth apart, and `f32` can still hold
+/// squares of distances. What lies beyond is a broken file, not a scan.
+const LARGEST_COORDINATE: f64 = 1e15;
+
 /// The range of a file's colour values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ColourRange {
@@ -83,13 +87,14 @@ impl Gather {
         }
     }
 
-    /// Adds a position; one that is not finite is tallied.
+    /// Adds a position; one that is not finite, or farther out than any length can be told, is tallied.
     #[inline]
     pub fn push_position(&mut self, p: DVec3, place: Place) {
-        if p.is_finite() {
+        // Written so that NaN fails.
+        if p.abs().max_element() <= LARGEST_COORDINATE && p.is_finite() {
             self.positions.push(p);
         } else {
-            self.tally_invalid(place, || not_finite(&[("x", p.x), ("y", p.y), ("z", p.z)]));
+            self.tally_invalid(place, || bad_coordinate(p));
             self.positions.push(DVec3::NAN);
         }
     }
@@ -224,6 +229,18 @@ pub(super) fn unit_normal(n: DVec3) -> Vec3 {
         // The squares overflowed: scale first.
         let scaled = n / n.abs().max_element();
         (scaled / scaled.length()).as_vec3()
+    }
+}
+
+/// Names the coordinate that cannot be used.
+#[cold]
+fn bad_coordinate(p: DVec3) -> String {
+    match [("x", p.x), ("y", p.y), ("z", p.z)].iter().find(|(_, value)| !(value.abs() <= LARGEST_COORDINATE)) {
+        Some((name, value)) if value.is_finite() => {
+            format!("{name} is {value:e}, beyond ±{LARGEST_COORDINATE:e} (wrong byte order?)")
+        }
+        Some((name, value)) => format!("{name} is {value}"),
+        None => "a coordinate is unusable".to_owned(),
     }
 }
 

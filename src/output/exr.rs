@@ -30,7 +30,7 @@ use crate::composite::shaded::Shader;
 use crate::layers::{Boundary, LayerStack};
 use crate::scene::Light;
 
-/// Writes `picture` and the layers that it was drawn from to `destination`.
+/// Writes `picture` and the layers that it was drawn from, `max_layers` of them at most, to `destination`.
 ///
 /// # Errors
 /// [`OutputError`]; nothing is left half-written.
@@ -41,6 +41,7 @@ pub fn write(
     picture: &Picture,
     stack: &LayerStack,
     light: &Light,
+    max_layers: Option<usize>,
     info: &PictureInfo,
     destination: &Destination,
     overwrite: bool,
@@ -48,7 +49,8 @@ pub fn write(
     let size = (stack.camera.width, stack.camera.height);
     assert_eq!((picture.width, picture.height), size, "a picture and its layers have one size");
     destination.check(overwrite)?;
-    let channels = Channels::new(picture, stack, light);
+    let layers = layer_count(stack).min(max_layers.unwrap_or(usize::MAX)).max(1);
+    let channels = Channels::new(picture, stack, light, layers);
     let mut attributes = LayerAttributes {
         owner: None,
         comments: Some(text(SOFTWARE)),
@@ -150,9 +152,9 @@ struct Channels<'a> {
 }
 
 impl<'a> Channels<'a> {
-    fn new(picture: &'a Picture, stack: &'a LayerStack, light: &Light) -> Self {
+    fn new(picture: &'a Picture, stack: &'a LayerStack, light: &Light, layers: usize) -> Self {
         let mut list = Vec::new();
-        for layer in 0..layer_count(stack) {
+        for layer in 0..layers {
             for (name, quantity) in QUANTITIES {
                 let name = if layer == 0 { name.to_owned() } else { format!("layer{layer}.{name}") };
                 list.push((name, layer, quantity));
@@ -275,14 +277,14 @@ mod tests {
                 .unwrap();
         let stack = LayerStack::collect(&Steps(camera));
         let pixels = (0..WIDTH * HEIGHT).map(|i| [i as f32, 0.5, 1e-6, 0.5]).collect();
-        let picture = Picture { width: WIDTH, height: HEIGHT, pixels, has_alpha: true };
+        let picture = Picture { width: WIDTH, height: HEIGHT, pixels, covered: 1, has_alpha: true };
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.exr");
         let destination = Destination::File(path.clone());
         let info = PictureInfo { scene: Some("Hüfte".into()), units: Some("mm".into()), px_per_unit: None };
-        write(&picture, &stack, &Light::default(), &info, &destination, false).unwrap();
+        write(&picture, &stack, &Light::default(), None, &info, &destination, false).unwrap();
         assert!(matches!(
-            write(&picture, &stack, &Light::default(), &info, &destination, false),
+            write(&picture, &stack, &Light::default(), None, &info, &destination, false),
             Err(OutputError::Exists { .. })
         ));
         let image = read()

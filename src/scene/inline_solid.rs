@@ -111,7 +111,7 @@ pub(super) fn from_toml(field: &Field) -> Result<Solid, SceneError> {
 }
 
 /// [`Solid::validate`], but an extent that is still to be found is no mistake.
-fn validate(solid: &Solid) -> Result<(), SolidError> {
+pub(super) fn validate(solid: &Solid) -> Result<(), SolidError> {
     match solid {
         Solid::HalfSpace { point, normal, extent } if *extent == EXTENT_OF_THE_SCENE => {
             Solid::HalfSpace { point: *point, normal: *normal, extent: 1.0 }.validate()

@@ -8,17 +8,27 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use crate::csg::Tree;
+use crate::csg::{LeafId, Tree};
 use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Lens};
 
 pub mod colour;
 pub mod framing;
-//pub mod inline_solid;
+pub mod inline_solid;
+pub mod inspect;
 pub mod load;
 pub mod nearest_name;
-//pub mod toml_file;
-//mod toml_values;
+pub mod one_liner;
+pub mod toml_file;
+mod toml_values;
+
+pub use load::{LeafGeometry, LoadedScene, load};
+
+/// Picture size where nobody asks for one: width, height in pixels.
+pub const DEFAULT_SIZE: (u32, u32) = (1024, 768);
+
+/// Linear RGB and opacity behind everything where nobody asks for one: warm white paper (sRGB #f6f4f0).
+pub const DEFAULT_BACKGROUND: [f32; 4] = [0.921_58, 0.904_66, 0.871_37, 1.0];
 
 /// Whether a leaf has an inside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -149,4 +159,29 @@ pub struct Scene {
     pub light: Light,
     /// The unit of lengths, such as `mm`, where the scene names one.
     pub units: Option<String>,
+}
+
+impl Scene {
+    /// A scene of `leaves` combined by `tree`, with everything else as where a user does not ask for it.
+    pub fn new(leaves: Vec<Leaf>, tree: Tree) -> Self {
+        Self {
+            leaves,
+            tree,
+            camera: None,
+            size: DEFAULT_SIZE,
+            background: DEFAULT_BACKGROUND,
+            light: Light::default(),
+            units: None,
+        }
+    }
+
+    /// The first sheet that the expression subtracts or complements, which no sheet can be: it has no inside.
+    pub fn subtracted_sheet(&self) -> Option<LeafId> {
+        let is_sheet = |leaf: LeafId| self.leaves[leaf.0 as usize].kind == LeafKind::Sheet;
+        // Most scenes have none, and an expression may be long.
+        if self.leaves.iter().all(|leaf| leaf.kind == LeafKind::Solid) {
+            return None;
+        }
+        self.tree.positive().literals().find(|literal| literal.negated && is_sheet(literal.leaf)).map(|l| l.leaf)
+    }
 }

@@ -26,7 +26,8 @@
 //!
 //! Every mistake is an error with its line and column, and says what would mend it.
 
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use toml::de::DeTable;
@@ -34,7 +35,7 @@ use toml::de::DeTable;
 use super::inline_solid::{self, SOLID_KEYS, SolidError};
 use super::nearest_name::nearest_name;
 use super::toml_values::{Field, Source, Table};
-use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour, sheets};
+use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour};
 use crate::csg::expression::{self, ExpressionError};
 use crate::csg::{LeafId, Tree};
 use crate::space::{Camera, CameraError, Lens};
@@ -184,6 +185,61 @@ pub enum SceneProblem {
     Camera(CameraError),
 }
 
+/// Why a scene file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadSceneError {
+    /// The system failed to hand over the file.
+    #[error("{}: cannot be read: {source}; check the name and the permissions", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is no text, or far larger than a scene.
+    #[error("{}: this is no scene file: {what}; scenes are TOML text, see `surfcut render --help`", path.display())]
+    NotAScene {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// The scene has a mistake.
+    #[error("{}:{}:{}: {}", path.display(), error.place.line, error.place.column, error.problem)]
+    Scene {
+        /// The file.
+        path: PathBuf,
+        /// The mistake.
+        error: Box<SceneError>,
+        /// The line with the mistake.
+        line: String,
+    },
+}
+
+/// The scene in the file at `path`; relative paths in it are taken from the file's directory. Reads no other file.
+///
+/// # Errors
+/// [`ReadSceneError`] names the file, and the line and column where there is one.
+pub fn read(path: &Path) -> Result<Scene, ReadSceneError> {
+    /// An expression of a million leaves takes some ten megabytes.
+    const LARGEST: u64 = 256 << 20;
+    let io_error = |source| ReadSceneError::Io { path: path.to_owned(), source };
+    let not_a_scene = |what| ReadSceneError::NotAScene { path: path.to_owned(), what };
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(io_error)?;
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io_error)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(not_a_scene("it is larger than 256 MiB"));
+    }
+    let text = String::from_utf8(bytes).map_err(|_| not_a_scene("it is not UTF-8 text"))?;
+    let base_dir = path.parent().unwrap_or(Path::new(""));
+    parse(&text, base_dir).map_err(|error| {
+        let line = text.lines().nth(error.place.line - 1).unwrap_or_default();
+        let line = line.strip_prefix('\u{feff}').unwrap_or(line).to_owned();
+        ReadSceneError::Scene { path: path.to_owned(), error: Box::new(error), line }
+    })
+}
+
 fn did_you_mean(suggestion: &Option<String>) -> String {
     suggestion.as_ref().map(|name| format!(" (did you mean `{name}`?)")).unwrap_or_default()
 }
@@ -225,24 +281,22 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
         Some(field) => Some(parse_camera(&field, size)?),
         None => None,
     };
-    Ok(Scene {
-        leaves,
-        tree,
-        camera,
-        size,
-        background: match top.get("background")? {
-            Some(field) => parse_background(&field)?,
-            None => super::DEFAULT_BACKGROUND,
-        },
-        light: match top.get("light")? {
-            Some(field) => parse_light(&field)?,
-            None => Light::default(),
-        },
-        units: match top.get("units")? {
-            Some(field) => Some(field.text("the name of a unit, such as \"mm\"")?.to_owned()),
-            None => None,
-        },
-    })
+    let mut scene = Scene::new(leaves, tree);
+    scene.size = size;
+    scene.camera = camera;
+    if let Some(field) = top.get("background")? {
+        scene.background = parse_background(&field)?;
+    }
+    if let Some(field) = top.get("light")? {
+        scene.light = parse_light(&field)?;
+    }
+    if let Some(field) = top.get("units")? {
+        scene.units = Some(field.text("the name of a unit, such as \"mm\"")?.to_owned());
+    }
+    if let (Some(sheet), Some(field)) = (scene.subtracted_sheet(), top.get("csg")?) {
+        return Err(field.error(SceneProblem::SheetCuts { leaf: scene.leaves[sheet.0 as usize].name.clone() }));
+    }
+    Ok(scene)
 }
 
 /// The keys of a leaf beside its solid's.
@@ -262,8 +316,11 @@ const LEAF_KEYS: [&str; 11] = [
 
 fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneError> {
     let known: Vec<&str> = LEAF_KEYS.iter().chain(&SOLID_KEYS).copied().collect();
-    let table =
-        entry.table(format!("[leaf.{}]", quoted(name)), &known, "a table with `file = \"…\"` or a solid, its geometry")?;
+    let table = entry.table(
+        format!("[leaf.{}]", quoted(name)),
+        &known,
+        "a table with `file = \"…\"` or a solid, its geometry",
+    )?;
     if name.is_empty() {
         return Err(entry.bad("a leaf's name is empty", "name it, as in `[leaf.body]`"));
     }
@@ -275,7 +332,7 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneE
         let Some(field) = table.get(key)? else { continue };
         if let Some(first) = &geometry {
             let first: &Field = first;
-            return Err(field.error(SceneProblem::Clash { first: first.name.clone(), second: field.name }));
+            return Err(field.error(SceneProblem::Clash { first: first.name.clone(), second: field.name.clone() }));
         }
         geometry = Some(field);
     }
@@ -317,7 +374,7 @@ fn parse_truth(field: &Field, base_dir: &Path) -> Result<Truth, SceneError> {
     for key in SOLID_KEYS {
         let Some(inner) = table.get(key)? else { continue };
         if let Some((first, _)) = &solid {
-            return Err(inner.error(SceneProblem::Clash { first: first.name.clone(), second: inner.name }));
+            return Err(inner.error(SceneProblem::Clash { first: first.name.clone(), second: inner.name.clone() }));
         }
         let value = inline_solid::from_toml(&inner)?;
         solid = Some((inner, value));
@@ -403,24 +460,21 @@ fn parse_tree(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
         };
     };
     let text = field.text("an expression over the leaves, such as \"body - drill\"")?;
-    let by_name: std::collections::HashMap<&str, u32> = leaves.iter().zip(0..).map(|(l, i)| (l.name.as_str(), i)).collect();
+    let by_name: std::collections::HashMap<&str, u32> =
+        leaves.iter().zip(0..).map(|(l, i)| (l.name.as_str(), i)).collect();
     let tree = expression::parse(text, &mut |name| by_name.get(name).copied().map(LeafId));
-    let tree = tree.map_err(|error| match error.unknown_name() {
-        Some(name) => {
+    tree.map_err(|error| match &error {
+        ExpressionError::UnknownLeaf { name, .. } => {
             let known = leaves.iter().map(|leaf| leaf.name.as_str());
             let problem = SceneProblem::UnknownLeaf {
-                name: name.to_owned(),
+                name: name.clone(),
                 suggestion: nearest_name(name, known.clone()).map(str::to_owned),
                 known: known.map(str::to_owned).collect(),
             };
             field.error_within_text(error.offset(), problem)
         }
-        None => field.error_within_text(error.offset(), SceneProblem::Expression(error)),
-    })?;
-    if let Some(sheet) = sheets::first_that_cuts(&tree, leaves) {
-        return Err(field.error(SceneProblem::SheetCuts { leaf: leaves[sheet.0 as usize].name.clone() }));
-    }
-    Ok(tree)
+        _ => field.error_within_text(error.offset(), SceneProblem::Expression(error)),
+    })
 }
 
 /// A name as expressions and headers write it: quoted unless it is letters, digits and `_`.
@@ -448,7 +502,8 @@ fn parse_background(field: &Field) -> Result<[f32; 4], SceneError> {
 }
 
 fn parse_camera(field: &Field, size: (u32, u32)) -> Result<CameraSpec, SceneError> {
-    let table = field.table("[camera]", &["eye", "target", "up", "fov_y", "height"], "a table with `eye` and `target`")?;
+    let table =
+        field.table("[camera]", &["eye", "target", "up", "fov_y", "height"], "a table with `eye` and `target`")?;
     let lens = match (table.get("fov_y")?, table.get("height")?) {
         (Some(fov_y), Some(height)) => {
             return Err(height.error(SceneProblem::Clash { first: fov_y.name, second: height.name.clone() }));
@@ -483,3 +538,6 @@ fn parse_light(field: &Field) -> Result<Light, SceneError> {
     }
     Ok(light)
 }
+
+#[cfg(test)]
+mod tests;

@@ -169,7 +169,11 @@ impl<'t> Field<'t> {
     /// A finite number above zero.
     pub fn positive(&self) -> Result<f64, SceneError> {
         let number = self.number()?;
-        if number > 0.0 { Ok(number) } else { Err(self.bad(format!("{number} is not positive"), "make it larger than 0")) }
+        if number > 0.0 {
+            Ok(number)
+        } else {
+            Err(self.bad(format!("{number} is not positive"), "make it larger than 0"))
+        }
     }
 
     /// A number from 0 to 1.
@@ -248,8 +252,7 @@ impl<'t> Field<'t> {
     /// The entries of a list, each a field of the same name.
     pub fn list(&self, wanted: &str) -> Result<Vec<Field<'t>>, SceneError> {
         let array = self.value.get_ref().as_array().ok_or_else(|| self.wrong_type(wanted))?;
-        let field =
-            |value| Field { source: self.source, name: self.name.clone(), key_start: self.key_start, value };
+        let field = |value| Field { source: self.source, name: self.name.clone(), key_start: self.key_start, value };
         Ok(array.iter().map(field).collect())
     }
 

@@ -11,3 +11,4 @@ pub mod settings;
 pub mod surface;
 
 pub use frame::Frame;
+pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

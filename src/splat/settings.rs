@@ -21,6 +21,14 @@ impl Clip {
             Self::Surface => "surface",
         }
     }
+
+    /// What it does, in a line of help.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Fragment => "clip every fragment on its flat disk (the paper)",
+            Self::Surface => "clip each surface once, on its curved shape",
+        }
+    }
 }
 
 /// How a point is found to be inside or outside of a leaf that is represented by surfels.
@@ -53,6 +61,17 @@ impl Inside {
             Self::Curved => "curved",
         }
     }
+
+    /// What it does, in a line of help.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Nearest => "side of the nearest surfel's plane",
+            Self::TwoNearest => "the two nearest surfels' planes (the paper)",
+            Self::AnyPlane => "outside where any partner's plane says so; wrong at concave corners",
+            Self::Blend => "weighted mean of the planes",
+            Self::Curved => "weighted mean of curved surfels",
+        }
+    }
 }
 
 /// What holds for a leaf whose surface is near an edge surfel but which has no partner at the point asked about.
@@ -76,6 +95,14 @@ impl Unknown {
             Self::Resolved => "resolved",
         }
     }
+
+    /// What it does, in a line of help.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Paper => "a leaf without partners drops out of the expression (the paper)",
+            Self::Resolved => "every edge surfel keeps the undecided part of the expression",
+        }
+    }
 }
 
 /// Where clipping partners are searched.
@@ -97,6 +124,14 @@ impl Partners {
         match self {
             Self::ClipBuffer => "clip-buffer",
             Self::ObjectSpace => "object-space",
+        }
+    }
+
+    /// What it does, in a line of help.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::ClipBuffer => "surfels that meet in a cell of the picture (the paper)",
+            Self::ObjectSpace => "surfels that meet in space; kept from frame to frame",
         }
     }
 }

@@ -147,7 +147,7 @@ impl<'a> HeaderLines<'a> {
                 self.at = self.bytes.len();
                 return Ok(Line { bytes: rest, number: self.number });
             }
-            let what = "the header has no line end_header";
+            let what = format!("the header has no line end_header within its first {} bytes", self.bytes.len());
             return Err(Fault::malformed(Place::Line(self.number), what, CUT_OFF));
         };
         self.at += length + 1;

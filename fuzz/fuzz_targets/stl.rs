@@ -1,0 +1,4 @@
+#![no_main]
+#[path = "../invariants.rs"]
+mod invariants;
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| invariants::check(Some(surfcut::formats::Format::Stl), bytes));

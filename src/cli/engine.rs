@@ -1,0 +1,90 @@
+//! What draws: a pipeline made ready for one scene.
+
+use surfcut::csg::{LeafId, Tree};
+use surfcut::layers::{LayerLimit, LayerSource};
+use surfcut::output::report::Report;
+use surfcut::reference::{Reference, TruthLeaf, TruthShape};
+use surfcut::scene::load::LoadedTruth;
+use surfcut::scene::{LeafGeometry, LoadedScene};
+use surfcut::space::Camera;
+
+use super::args::{Pipeline, PipelineArgs};
+use super::failure::{InputError, UsageError};
+
+/// A scene that is ready to be drawn from any camera.
+pub trait Engine {
+    /// One frame.
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
+}
+
+/// How many samples a pixel, and which boundaries.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameArgs {
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Which boundaries.
+    pub limit: LayerLimit,
+}
+
+/// The engine that the flags ask for. `camera` is the first to be drawn from: sampling goes by its pixels.
+pub fn engine(
+    loaded: &LoadedScene,
+    args: &PipelineArgs,
+    frame: FrameArgs,
+    _camera: &Camera,
+    _report: &mut Report,
+) -> anyhow::Result<Box<dyn Engine>> {
+    match args.pipeline {
+        Pipeline::Reference => Ok(Box::new(ReferenceEngine::new(loaded, frame)?)),
+        Pipeline::Splat => Err(UsageError("this build has --pipeline reference only".into()).into()),
+    }
+}
+
+/// The judge, over what the leaves truly are.
+struct ReferenceEngine {
+    leaves: Vec<TruthLeaf>,
+    tree: Tree,
+    frame: FrameArgs,
+}
+
+impl ReferenceEngine {
+    fn new(loaded: &LoadedScene, frame: FrameArgs) -> anyhow::Result<Self> {
+        let tree = loaded.canonical_tree();
+        let leaves = tree.leaves().into_iter().map(|leaf| truth_leaf(loaded, leaf)).collect::<Result<_, _>>()?;
+        Ok(Self { leaves, tree, frame })
+    }
+}
+
+/// The leaf as the judge sees it: its truth, else itself.
+fn truth_leaf(loaded: &LoadedScene, id: LeafId) -> Result<TruthLeaf, InputError> {
+    let index = id.0 as usize;
+    let leaf = &loaded.scene.leaves[index];
+    let shape = match (&loaded.truths[index], &loaded.geometry[index]) {
+        (Some(LoadedTruth::Mesh(mesh)), _) | (None, LeafGeometry::Mesh(mesh)) => TruthShape::Mesh(mesh.clone()),
+        (Some(LoadedTruth::Solid(solid)), _) | (None, LeafGeometry::Solid(solid)) => TruthShape::Solid(solid.clone()),
+        (None, LeafGeometry::Cloud(_)) => {
+            return Err(InputError(format!(
+                "the reference cannot cast rays at the points of leaf `{}`: give it a `truth`, the mesh or solid that it \
+                 was sampled from, or draw with --pipeline splat",
+                leaf.name
+            )));
+        }
+    };
+    Ok(TruthLeaf {
+        leaf: id.0,
+        shape,
+        world_from_leaf: leaf.world_from_leaf,
+        colour: loaded.colour(id),
+        vertex_colours: loaded.has_own_colours(id),
+        opacity: leaf.opacity,
+        kind: leaf.kind,
+    })
+}
+
+impl Engine for ReferenceEngine {
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = self.frame;
+        let reference = Reference::new(self.leaves.clone(), self.tree.clone(), camera.clone(), samples, limit)?;
+        Ok(Box::new(reference))
+    }
+}

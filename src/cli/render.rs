@@ -1,0 +1,218 @@
+//! `surfcut render`: a scene into pictures.
+
+use std::path::PathBuf;
+
+use glam::{DQuat, DVec3};
+use serde_json::json;
+use surfcut::composite::shaded::tile_count;
+use surfcut::composite::{Look, Picture, shaded, shaded_stack};
+use surfcut::layers::{LayerLimit, LayerStack};
+use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
+use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
+use surfcut::scene::LoadedScene;
+use surfcut::space::{Camera, CameraError, Lens, Projection};
+
+use super::args::{RenderArgs, ViewArgs};
+use super::engine::{Engine, FrameArgs, engine};
+use super::failure::{UsageError, code};
+use super::{Session, input};
+
+/// The picture formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PictureFormat {
+    Png,
+    Exr,
+}
+
+/// Draws the scene and writes every output, or none: what would be refused is refused before the first ray.
+pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
+    let outputs = outputs(args, session)?;
+    let mut report = Report::new(std::env::args().collect());
+    let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
+    report.scene = Some(input::name(&args.scene));
+    report.units = loaded.scene.units.clone();
+    report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
+    report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
+    let camera = input::camera(&loaded, &args.view.camera)?;
+    let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
+    let frame = frame_args(&args.view, &loaded, wants_layers);
+    describe(args, &camera, frame, &loaded, &mut report);
+    let engine = engine(&loaded, &args.pipeline, frame, &camera, &mut report)?;
+    let look = Look { light: loaded.scene.light, background: loaded.scene.background };
+    let drawing = Drawing { engine: &*engine, look, wants_layers, session };
+    let (picture, stack) = drawing.draw(&camera, &mut report)?;
+    if let Some(repeats) = args.repeat {
+        report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
+    }
+
+    report.count("leaves", loaded.scene.leaves.len() as u64);
+    report.count("pixels_covered", picture.covered);
+    if picture.is_empty() {
+        let warning = "the picture is empty: no surface of the result is in view; `surfcut check` tells whether the result \
+                       is empty, an input is inside-out, or the camera looks elsewhere";
+        report.warnings.push(warning.into());
+        session.tell(&format!("warning: {warning}"));
+    }
+    let info = PictureInfo {
+        scene: report.scene.clone(),
+        units: report.units.clone(),
+        px_per_unit: match camera.projection {
+            Projection::Orthographic { px_per_unit } => Some(px_per_unit),
+            Projection::Perspective { .. } => None,
+        },
+    };
+    for (destination, format) in &outputs {
+        let watch = Stopwatch::start();
+        match (format, &stack) {
+            (PictureFormat::Exr, Some(stack)) => {
+                let most = args.view.max_layers.map(|n| n as usize);
+                exr::write(&picture, stack, &look.light, most, &info, destination, session.overwrite())?;
+            }
+            _ => png::write(&picture, &info, destination, session.overwrite())?,
+        }
+        report.add_phase("write", watch.times());
+        session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
+    }
+    session.tell(&times_text(&report));
+    session.write_summary(&report.to_json())?;
+    Ok(code::OK)
+}
+
+/// Where the pictures go, each with its format; checked before anything is drawn.
+fn outputs(args: &RenderArgs, session: &Session) -> anyhow::Result<Vec<(Destination, PictureFormat)>> {
+    let default = [PathBuf::from(format!("{}.png", input::name(&args.scene)))];
+    let paths = if args.output.is_empty() { &default[..] } else { &args.output };
+    let mut outputs: Vec<(Destination, PictureFormat)> = Vec::new();
+    for path in paths {
+        let destination = Destination::from(path.as_path());
+        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        let format = match extension.as_ref().and_then(|extension| extension.to_str()) {
+            _ if destination == Destination::Stdout => PictureFormat::Png,
+            Some("png") => PictureFormat::Png,
+            Some("exr") => PictureFormat::Exr,
+            _ => return Err(OutputError::UnknownFormat { path: path.clone() }.into()),
+        };
+        if outputs.iter().any(|(other, _)| *other == destination) {
+            return Err(UsageError(format!("{destination} is named twice as output: name it once")).into());
+        }
+        destination.check(session.overwrite())?;
+        outputs.push((destination, format));
+    }
+    let pictures_on_stdout = outputs.iter().any(|(destination, _)| *destination == Destination::Stdout);
+    if pictures_on_stdout && session.summary_destination() == Some(Destination::Stdout) {
+        let problem = "the picture and the summary cannot both go to standard output: give one of them a file";
+        return Err(UsageError(problem.into()).into());
+    }
+    Ok(outputs)
+}
+
+/// What the flags leave open: all boundaries where they show or are written, else the nearest.
+pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, wants_layers: bool) -> FrameArgs {
+    let is_transparent = loaded.scene.leaves.iter().any(|leaf| leaf.opacity < 1.0) || loaded.has_own_opacities();
+    let open = if wants_layers || is_transparent { LayerLimit::All } else { LayerLimit::Nearest };
+    FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
+}
+
+fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &LoadedScene, report: &mut Report) {
+    let pipeline = &args.pipeline;
+    let layers = if frame.limit == LayerLimit::All { "all" } else { "nearest" };
+    let settings = [
+        ("pipeline", json!(format!("{:?}", pipeline.pipeline).to_lowercase())),
+        ("clip", json!(pipeline.clip.name())),
+        ("inside", json!(pipeline.inside.name())),
+        ("unknown", json!(pipeline.unknown.name())),
+        ("partners", json!(pipeline.partners.name())),
+        ("max_error_px", json!(pipeline.max_error)),
+        ("spacing", json!(pipeline.spacing)),
+        ("samples", json!(frame.samples)),
+        ("layers", json!(layers)),
+        ("width", json!(camera.width)),
+        ("height", json!(camera.height)),
+        ("background", json!(loaded.scene.background)),
+    ];
+    report.settings.extend(settings.map(|(key, value)| (key.to_owned(), value)));
+}
+
+struct Drawing<'a> {
+    engine: &'a dyn Engine,
+    look: Look,
+    wants_layers: bool,
+    session: &'a Session,
+}
+
+impl Drawing<'_> {
+    /// One picture, with its layers where an output holds them.
+    fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<(Picture, Option<LayerStack>)> {
+        let source = report.phase("prepare", || self.engine.frame(camera))?;
+        let bar = self.session.bars.count(tile_count(camera), "drawing");
+        let drawn = report.phase("frame", || {
+            if self.wants_layers {
+                let stack = LayerStack::collect(&*source);
+                let picture = shaded_stack(&stack, &self.look);
+                (picture, Some(stack))
+            } else {
+                (shaded(&*source, &self.look, &|| bar.inc(1)), None)
+            }
+        });
+        bar.finish_and_clear();
+        Ok(drawn)
+    }
+
+    /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
+    /// frame can be kept for the next.
+    fn repeat(&self, camera: &Camera, centre: DVec3, repeats: u32) -> anyhow::Result<Option<FrameTimes>> {
+        let bar = self.session.bars.count(u64::from(repeats), "repeating");
+        let mut times: Vec<Times> = Vec::new();
+        for turn in 0..=repeats {
+            let turned = turned(camera, centre, f64::from(turn))?;
+            let watch = Stopwatch::start();
+            let source = self.engine.frame(&turned)?;
+            std::hint::black_box(shaded(&*source, &self.look, &|| ()));
+            if turn > 0 {
+                times.push(watch.times());
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(FrameTimes::median(&times))
+    }
+}
+
+/// `camera` moved by `degrees` around `centre`, about its own upward axis.
+pub fn turned(camera: &Camera, centre: DVec3, degrees: f64) -> Result<Camera, CameraError> {
+    let turn = DQuat::from_axis_angle(-camera.down, degrees.to_radians());
+    let eye = centre + turn * (camera.eye - centre);
+    // The lens is replaced below: what the old camera's pixels measure stays.
+    let any_lens = Lens::Height(1.0);
+    let moved = Camera::look_at(eye, eye + turn * camera.forward, -camera.down, any_lens, camera.width, camera.height)?;
+    Ok(Camera { projection: camera.projection, ..moved })
+}
+
+fn times_text(report: &Report) -> String {
+    let phases: Vec<String> = report.phases.iter().map(|(name, times)| format!("{name} {:.0} ms", times.ms)).collect();
+    let frame = report.frame.map(|frame| {
+        format!("; frame {:.1} ms, {:.1} ms of CPU (median of {})", frame.ms, frame.cpu_ms, frame.repeats)
+    });
+    format!("{}{}", phases.join(", "), frame.unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_keeps_the_centre_in_its_pixel() {
+        let centre = DVec3::new(0.3, -0.2, 0.1);
+        for lens in [Lens::FovY(35.0), Lens::Height(3.0)] {
+            let camera = Camera::look_at(DVec3::new(4.0, -5.0, 3.0), centre, DVec3::Z, lens, 64, 48).unwrap();
+            for degrees in [1.0, 90.0, 180.0] {
+                let turned = turned(&camera, centre, degrees).unwrap();
+                let px = |camera: &Camera| camera.px_from_view(camera.view_from_world(centre));
+                assert!((px(&turned) - px(&camera)).length() < 1e-9);
+                assert_eq!(turned.projection, camera.projection);
+                let angle = (turned.eye - centre).angle_between(camera.eye - centre).to_degrees();
+                assert!(angle > 0.5 && angle < degrees + 1e-6);
+            }
+        }
+    }
+}
