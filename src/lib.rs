@@ -8,6 +8,7 @@ pub mod geometry;
 pub mod layers;
 pub mod measure;
 pub mod output;
+pub mod pipeline;
 pub mod reference;
 pub mod scene;
 pub mod space;

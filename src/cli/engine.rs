@@ -1,15 +1,19 @@
 //! What draws: a pipeline made ready for one scene.
 
+use surfcut::classify::Model;
 use surfcut::csg::{LeafId, Tree};
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
+use surfcut::pipeline::{self, Density};
 use surfcut::reference::{Reference, TruthLeaf, TruthShape};
 use surfcut::scene::load::LoadedTruth;
 use surfcut::scene::{LeafGeometry, LoadedScene};
 use surfcut::space::Camera;
+use surfcut::splat::Frame;
 
 use super::args::{Pipeline, PipelineArgs};
-use super::failure::{InputError, UsageError};
+use super::failure::InputError;
+use super::progress::Bars;
 
 /// A scene that is ready to be drawn from any camera.
 pub trait Engine {
@@ -28,15 +32,57 @@ pub struct FrameArgs {
 
 /// The engine that the flags ask for. `camera` is the first to be drawn from: sampling goes by its pixels.
 pub fn engine(
-    loaded: &LoadedScene,
+    loaded: &mut LoadedScene,
     args: &PipelineArgs,
     frame: FrameArgs,
-    _camera: &Camera,
-    _report: &mut Report,
+    camera: &Camera,
+    bars: Bars,
+    report: &mut Report,
 ) -> anyhow::Result<Box<dyn Engine>> {
     match args.pipeline {
         Pipeline::Reference => Ok(Box::new(ReferenceEngine::new(loaded, frame)?)),
-        Pipeline::Splat => Err(UsageError("this build has --pipeline reference only".into()).into()),
+        Pipeline::Splat => Ok(Box::new(SplatEngine::new(loaded, args, frame, camera, bars, report)?)),
+    }
+}
+
+/// The surfel pipeline.
+struct SplatEngine {
+    model: Model,
+    frame: FrameArgs,
+}
+
+impl SplatEngine {
+    fn new(
+        loaded: &mut LoadedScene,
+        args: &PipelineArgs,
+        frame: FrameArgs,
+        camera: &Camera,
+        bars: Bars,
+        report: &mut Report,
+    ) -> anyhow::Result<Self> {
+        let density = args.spacing.map_or(Density::MaxErrorPx(args.max_error), Density::Spacing);
+        let points = loaded.geometry.iter().map(|g| match g {
+            LeafGeometry::Cloud(cloud) => cloud.len() as u64,
+            _ => 0,
+        });
+        let bar = bars.count(points.sum(), "surfels");
+        let converted =
+            report.phase("convert", || pipeline::convert(loaded, camera, density, &|points| bar.inc(points)))?;
+        bar.finish_and_clear();
+        report.count("surfels", converted.surfels() as u64);
+        let prepared = report.phase("classify", || converted.classify());
+        let counts = prepared.model.counts();
+        report.count("surface_surfels", counts.surface as u64);
+        report.count("inside_edge_surfels", counts.inside_edge as u64);
+        report.count("outside_edge_surfels", counts.outside_edge as u64);
+        report.count("outside_surfels", counts.outside as u64);
+        Ok(Self { model: prepared.model, frame })
+    }
+}
+
+impl Engine for SplatEngine {
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        Ok(Box::new(Frame::new(&self.model, camera.clone(), self.frame.limit, self.frame.samples)))
     }
 }
 

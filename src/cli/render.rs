@@ -28,7 +28,7 @@ enum PictureFormat {
 pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let outputs = outputs(args, session)?;
     let mut report = Report::new(std::env::args().collect());
-    let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
+    let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     report.scene = Some(input::name(&args.scene));
     report.units = loaded.scene.units.clone();
     report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
@@ -37,7 +37,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     let frame = frame_args(&args.view, &loaded, wants_layers);
     describe(args, &camera, frame, &loaded, &mut report);
-    let engine = engine(&loaded, &args.pipeline, frame, &camera, &mut report)?;
+    let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
     let look = Look { light: loaded.scene.light, background: loaded.scene.background };
     let drawing = Drawing { engine: &*engine, look, wants_layers, session };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;

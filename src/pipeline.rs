@@ -1,0 +1,197 @@
+//! From a loaded scene to a classified one: every leaf's surfels, its exact form where it has one, and their classes.
+//!
+//! A cloud *is* its surfels. A mesh or an analytic solid is sampled only so that its surface is found on the screen; every
+//! hit is then solved on the exact surface, so its samples need not resolve what the picture cannot show, and creases stay
+//! as sharp as they were written.
+
+use std::sync::Arc;
+
+use crate::classify::{LeafField, LeafLook, Model};
+use crate::csg::LeafId;
+use crate::geometry::bvh::MeshBvhError;
+use crate::geometry::exact::Exact;
+use crate::geometry::{PointCloud, Solid};
+use crate::scene::{LeafGeometry, LeafKind, LoadedScene};
+use crate::space::Camera;
+use crate::surfel::{self, CloudNotes, CloudOptions, SurfelCloud, SurfelError};
+
+/// How densely meshes and solids are sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Density {
+    /// So that the surface leaves a flat surfel by at most this many pixels at the leaf's nearest depth.
+    MaxErrorPx(f64),
+    /// At this spacing, world units.
+    Spacing(f64),
+}
+
+impl Default for Density {
+    fn default() -> Self {
+        Self::MaxErrorPx(0.5)
+    }
+}
+
+/// Why a scene cannot be drawn as surfels.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PrepareError {
+    /// A leaf's geometry makes no surfels.
+    #[error("leaf `{leaf}`: {source}")]
+    Surfels {
+        /// Its name.
+        leaf: String,
+        /// What is wrong.
+        source: SurfelError,
+    },
+    /// A mesh cannot be asked.
+    #[error("leaf `{leaf}`: {source}")]
+    Mesh {
+        /// Its name.
+        leaf: String,
+        /// What is wrong.
+        source: MeshBvhError,
+    },
+}
+
+/// A scene ready to be drawn from any camera, and what its conversion had to say.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The classified scene.
+    pub model: Model,
+    /// By leaf: what was done to a cloud.
+    pub notes: Vec<Option<CloudNotes>>,
+}
+
+/// The leaves of a scene as surfels, before classification.
+#[derive(Debug)]
+pub struct Converted {
+    fields: Vec<LeafField>,
+    looks: Vec<LeafLook>,
+    notes: Vec<Option<CloudNotes>>,
+    tree: crate::csg::Tree,
+}
+
+/// Turns every leaf of `loaded` into surfels; `camera` is the first view, whose pixels decide how densely meshes and
+/// solids are sampled. Clouds are taken out of `loaded`, since they may be most of the memory. `progress` hears how many
+/// points are done.
+///
+/// # Errors
+/// [`PrepareError`] names the leaf.
+pub fn convert(
+    loaded: &mut LoadedScene,
+    camera: &Camera,
+    density: Density,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<Converted, PrepareError> {
+    let tree = loaded.canonical_tree();
+    let used = tree.leaves();
+    let (mut fields, mut looks, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    for index in 0..loaded.scene.leaves.len() {
+        let id = LeafId(index as u32);
+        let opacity = loaded.scene.leaves[index].opacity;
+        let colour = (!loaded.has_own_colours(id)).then(|| loaded.colour(id));
+        looks.push(LeafLook { colour, opacity });
+        if used.binary_search(&id).is_err() {
+            fields.push(LeafField::new(SurfelCloud::default(), None, LeafKind::Sheet));
+            notes.push(None);
+            continue;
+        }
+        let (field, note) = leaf_field(loaded, id, camera, density, progress)?;
+        fields.push(field);
+        notes.push(note);
+    }
+    Ok(Converted { fields, looks, notes, tree })
+}
+
+impl Converted {
+    /// The number of surfels over all leaves.
+    pub fn surfels(&self) -> usize {
+        self.fields.iter().map(|f| f.cloud.len()).sum()
+    }
+
+    /// Classifies the surfels.
+    pub fn classify(self) -> Prepared {
+        Prepared { model: Model::new(&self.tree, self.fields, self.looks), notes: self.notes }
+    }
+}
+
+fn leaf_field(
+    loaded: &mut LoadedScene,
+    id: LeafId,
+    camera: &Camera,
+    density: Density,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<(LeafField, Option<CloudNotes>), PrepareError> {
+    let index = id.0 as usize;
+    let kind = if loaded.is_sheet(id) { LeafKind::Sheet } else { LeafKind::Solid };
+    let leaf = &loaded.scene.leaves[index];
+    let (name, world_from_leaf) = (leaf.name.clone(), leaf.world_from_leaf);
+    let surfels = |source| PrepareError::Surfels { leaf: name.clone(), source };
+    let spacing = |curvature_radius: f64| match (leaf.spacing, density) {
+        (Some(spacing), _) | (None, Density::Spacing(spacing)) => spacing,
+        (None, Density::MaxErrorPx(px)) => spacing_for(px, curvature_radius, footprint_of(loaded, index, camera)),
+    };
+    let stretch = world_from_leaf.matrix3.determinant().abs().cbrt();
+    Ok(match &loaded.geometry[index] {
+        LeafGeometry::Cloud(_) => {
+            let taken = std::mem::replace(&mut loaded.geometry[index], LeafGeometry::Cloud(Arc::default()));
+            let LeafGeometry::Cloud(cloud) = taken else { unreachable!("it was a cloud a line ago") };
+            let cloud: PointCloud = Arc::unwrap_or_clone(cloud);
+            let (cloud, note) =
+                surfel::from_cloud(cloud, world_from_leaf, &CloudOptions::default(), progress).map_err(surfels)?;
+            (LeafField::new(cloud, None, kind), Some(note))
+        }
+        LeafGeometry::Mesh(mesh) => {
+            let extent = loaded.bounds[index].map_or(1.0, |b| (b.max - b.min).length());
+            // A mesh says nothing of its curvature; a feature of a twentieth of its size is what such scans show.
+            const FEATURE_SHARE: f64 = 1.0 / 20.0;
+            let cloud = surfel::from_mesh(mesh, world_from_leaf, spacing(extent * FEATURE_SHARE)).map_err(surfels)?;
+            let exact = Exact::mesh(Arc::clone(mesh), world_from_leaf)
+                .map_err(|source| PrepareError::Mesh { leaf: name.clone(), source })?;
+            (LeafField::new(cloud, Some(exact), kind), None)
+        }
+        LeafGeometry::Solid(solid) => {
+            let cloud =
+                surfel::from_solid(solid, world_from_leaf, spacing(stretch * least_radius(solid))).map_err(surfels)?;
+            (LeafField::new(cloud, Some(Exact::solid(solid.clone(), world_from_leaf)), kind), None)
+        }
+    })
+}
+
+/// The footprint at the nearest depth of leaf `index` that is in front of the camera, world units.
+fn footprint_of(loaded: &LoadedScene, index: usize, camera: &Camera) -> f64 {
+    let Some(b) = loaded.bounds[index] else { return camera.footprint(nearest_depth(camera, camera.eye)) };
+    camera.footprint(nearest_depth(camera, 0.5 * (b.min + b.max)) - 0.5 * (b.max - b.min).length().min(1e300)).max({
+        // From inside the leaf's box there is no nearest depth: take a hundredth of the middle's.
+        const CLOSEST_SHARE: f64 = 0.01;
+        camera.footprint(CLOSEST_SHARE * nearest_depth(camera, 0.5 * (b.min + b.max)))
+    })
+}
+
+fn nearest_depth(camera: &Camera, p_in_world: glam::DVec3) -> f64 {
+    let depth = camera.view_from_world(p_in_world).z;
+    if depth > 0.0 { depth } else { 1.0 }
+}
+
+/// The spacing whose surfels a surface of radius of curvature `radius` leaves by `px` pixels: a disk of radius ρ on a
+/// sphere of radius R has the sagitta ρ²/2R, and disks have about 1.3 spacings.
+fn spacing_for(px: f64, radius: f64, footprint: f64) -> f64 {
+    const DISK_RADIUS_IN_SPACINGS: f64 = 1.3;
+    /// Flat faces need samples too, and a leaf of one surfel a face groups badly.
+    const LEAST_SAMPLES_A_RADIUS: f64 = 4.0;
+    let by_sagitta = (2.0 * radius * px * footprint).sqrt() / DISK_RADIUS_IN_SPACINGS;
+    by_sagitta.min(radius / LEAST_SAMPLES_A_RADIUS).max(footprint)
+}
+
+/// The least radius of curvature of a solid, or a quarter of its least side where it has none; leaf units.
+fn least_radius(solid: &Solid) -> f64 {
+    match solid {
+        Solid::HalfSpace { extent, .. } => 0.25 * extent,
+        Solid::Box { min, max } => 0.25 * (*max - *min).min_element(),
+        Solid::Sphere { radius, .. } => *radius,
+        Solid::Cylinder { from, to, radius } => radius.min(0.5 * from.distance(*to)),
+        Solid::Cone { from, to, radius_from, radius_to } => {
+            (0.5 * radius_from.max(*radius_to)).min(0.5 * from.distance(*to))
+        }
+        Solid::Torus { tube, .. } => *tube,
+        Solid::Blend { balls, .. } => balls.iter().map(|b| b.radius).fold(f64::INFINITY, f64::min),
+    }
+}
