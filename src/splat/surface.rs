@@ -112,11 +112,11 @@ impl SideCache {
         {
             return side;
         }
-        let Some((nearest, distance)) = field.search.nearest_in_world(p_in_world) else { return false };
+        let Some((nearest, _)) = field.search.nearest_in_world(p_in_world) else { return false };
         let side = field.far_inside(p_in_world, nearest);
         // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
-        const COVERED_SHARE: f64 = 0.8;
-        let clearance = f64::from(distance) - COVERED_SHARE * f64::from(field.largest_radius());
+        const COVERED_SHARE: f32 = 0.8;
+        let clearance = f64::from(field.supports.clearance(p_in_world, COVERED_SHARE));
         *known = Some((p_in_world, clearance.max(0.0), side));
         side
     }

@@ -6,6 +6,7 @@
 
 mod around;
 mod assemble;
+pub mod ball_tree;
 pub mod cloud;
 #[cfg(test)]
 mod cloud_tests;
