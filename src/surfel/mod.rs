@@ -11,6 +11,7 @@ pub mod cloud;
 #[cfg(test)]
 mod cloud_tests;
 mod curvature;
+mod isolated;
 pub mod mesh;
 mod normals;
 mod orient;
