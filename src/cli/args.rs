@@ -322,18 +322,6 @@ pub struct CompareArgs {
     pub difference: Option<PathBuf>,
 }
 
-impl CompareArgs {
-    /// The second picture's settings.
-    pub fn with_settings(&self) -> SplatSettings {
-        SplatSettings {
-            clip: self.with_clip,
-            inside: self.with_inside,
-            unknown: self.with_unknown,
-            partners: self.with_partners,
-        }
-    }
-}
-
 /// `surfcut chart`
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Writes NAME.svg and NAME.png, and the data beside them as NAME.csv and NAME.json.

@@ -1,6 +1,8 @@
 //! How an error reaches the user: message, causes, and an exit code that says whose turn it is.
 
+use surfcut::measure::CompareError;
 use surfcut::output::OutputError;
+use surfcut::pipeline::PrepareError;
 use surfcut::reference::ReferenceError;
 use surfcut::scene::inline_solid::InlineSolidError;
 use surfcut::scene::load::LoadError;
@@ -44,7 +46,9 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         if cause.is::<InputError>()
             || cause.is::<ReadSceneError>()
             || cause.is::<LoadError>()
+            || cause.is::<PrepareError>()
             || cause.is::<ReferenceError>()
+            || cause.is::<CompareError>()
         {
             return code::INPUT;
         }

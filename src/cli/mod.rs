@@ -2,6 +2,7 @@
 
 pub mod args;
 mod check;
+mod compare;
 mod engine;
 mod failure;
 mod info;
@@ -109,9 +110,8 @@ fn dispatch(cli: Cli) -> anyhow::Result<u8> {
         Command::Render(args) => render::run(&args, &session),
         Command::Info(args) => info::run(&args, &session),
         Command::Check(args) => check::run(&args, &session),
-        Command::Compare(_) | Command::Chart(_) => {
-            Err(failure::UsageError("this build does not have this command yet".into()).into())
-        }
+        Command::Compare(args) => compare::run(&args, &session),
+        Command::Chart(_) => Err(failure::UsageError("this build does not have this command yet".into()).into()),
         Command::Completions(args) => {
             let mut script = Vec::new();
             clap_complete::generate(args.shell, &mut Cli::command(), "surfcut", &mut script);

@@ -1,7 +1,7 @@
 //! PNG: 8 bits a channel, sRGB, with the scene's name, unit and scale in its metadata.
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use rayon::prelude::*;
 
 use super::{Destination, OutputError, PictureInfo, SOFTWARE};
@@ -30,6 +30,28 @@ pub fn write(
         sink.write_all(&metadata(info))?;
         sink.write_all(&encoded[HEADER_BYTES..])
     })
+}
+
+/// The picture without its alpha, 8-bit sRGB.
+pub fn rgb(picture: &Picture) -> RgbImage {
+    RgbImage::from_fn(picture.width, picture.height, |x, y| {
+        let [r, g, b, _] = picture.at(x, y);
+        image::Rgb([r, g, b].map(srgb_byte_from_linear))
+    })
+}
+
+/// Writes an 8-bit sRGB picture that no scene's metadata belongs to.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_rgb(picture: &RgbImage, destination: &Destination, overwrite: bool) -> Result<(), OutputError> {
+    destination.check(overwrite)?;
+    let mut encoded = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut encoded, CompressionType::Fast, FilterType::Adaptive);
+    encoder
+        .write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)
+        .map_err(|error| OutputError::Encode { destination: destination.clone(), reason: error.to_string() })?;
+    destination.write(overwrite, &encoded)
 }
 
 fn encode(picture: &Picture) -> Result<Vec<u8>, image::ImageError> {
@@ -133,6 +155,7 @@ mod tests {
             let path = directory.path().join(format!("{has_alpha}.png"));
             let info = PictureInfo { scene: Some("Hüfte".into()), units: Some("mm".into()), px_per_unit: Some(10.0) };
             write(&picture(has_alpha), &info, &Destination::File(path.clone()), false).unwrap();
+            assert_eq!(rgb(&picture(has_alpha)).get_pixel(0, 0).0, [10, 128, 250]);
             let bytes = std::fs::read(&path).unwrap();
             let back = image::load_from_memory(&bytes).unwrap();
             assert_eq!(back.color().has_alpha(), has_alpha);

@@ -17,7 +17,7 @@ fn process_cpu_ms() -> Option<f64> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: the clock fills the one timespec that it is handed.
     let status = unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &mut time) };
-    (status == 0).then(|| time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
+    (status == 0).then_some(time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
 }
 
 #[cfg(not(unix))]

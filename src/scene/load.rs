@@ -75,7 +75,7 @@ pub enum LoadError {
         /// The leaf.
         leaf: String,
         /// What is wrong with the file.
-        source: ReadError,
+        source: Box<ReadError>,
     },
     /// A truth holds points, at which no ray can be cast.
     #[error(
@@ -517,7 +517,9 @@ impl Files {
         let read = read
             .into_iter()
             .zip(&paths)
-            .map(|(file, (_, leaf))| file.map_err(|source| LoadError::File { leaf: (*leaf).to_owned(), source }))
+            .map(|(file, (_, leaf))| {
+                file.map_err(|source| LoadError::File { leaf: (*leaf).to_owned(), source: source.into() })
+            })
             .collect::<Result<_, _>>()?;
         Ok(Self { read, by_path })
     }

@@ -1,0 +1,210 @@
+//! The command as a user meets it: exit codes, messages, outputs that are whole or absent.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs the command in `directory`.
+fn surfcut(directory: &Path, line: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_surfcut")).current_dir(directory).args(line.split_whitespace()).output().unwrap()
+}
+
+fn code(output: &Output) -> i32 {
+    output.status.code().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn entries(directory: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+const SCENE: &str = "csg = 'ball - drill'\nsize = [48, 32]\nunits = 'mm'\n\
+    [leaf.ball]\nsphere = { centre = [0, 0, 0], radius = 1 }\n\
+    [leaf.drill]\ncylinder = { from = [0, -2, 0.3], to = [0, 2, 0.3], radius = 0.3 }\nopacity = 0.5\n";
+
+fn with_scene(text: &str) -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("cut.toml"), text).unwrap();
+    directory
+}
+
+#[test]
+fn a_scene_becomes_pictures_and_a_summary() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let output = surfcut(
+        here,
+        "render cut.toml --pipeline reference -o a.png -o a.exr --samples 2 --repeat 2 --summary-file run.json",
+    );
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(entries(here), ["a.exr", "a.png", "cut.toml", "run.json"]);
+    let picture = image::open(here.join("a.png")).unwrap().to_rgb8();
+    assert_eq!(picture.dimensions(), (48, 32));
+    assert_ne!(picture.get_pixel(24, 16), picture.get_pixel(0, 0));
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("run.json")).unwrap()).unwrap();
+    assert_eq!(json["frame"]["repeats"], 2);
+    assert!(json["frame"]["cpu_ms"].is_number() && json["phases"]["load"]["ms"].is_number());
+    assert!(json["counts"]["pixels_covered"].as_u64().unwrap() > 100);
+    assert_eq!(json["settings"]["samples"], 2);
+    // No bar in a pipe.
+    assert!(!stderr(&output).contains('\r') && !stderr(&output).contains('\u{1b}'));
+}
+
+#[test]
+fn pictures_go_to_standard_output_and_quiet_is_quiet() {
+    let directory = with_scene(SCENE);
+    let output =
+        surfcut(directory.path(), "render cut.toml --pipeline reference -o - --quiet --background transparent");
+    assert_eq!((code(&output), stderr(&output).as_str()), (0, ""));
+    assert!(image::load_from_memory(&output.stdout).unwrap().color().has_alpha());
+    assert_eq!(entries(directory.path()), ["cut.toml"]);
+    // The same bytes on one thread.
+    let line = "render cut.toml --pipeline reference -o - --quiet --background transparent --threads 1";
+    assert_eq!(surfcut(directory.path(), line).stdout, output.stdout);
+}
+
+#[test]
+fn one_liners_take_solids_and_default_to_a_png_here() {
+    let directory = tempfile::tempdir().unwrap();
+    let line =
+        "render sphere:0,0,0,1 --minus box:0,-2,-2,2,2,2 --plus sphere:1,0,0,.2 --pipeline reference --size 32x32";
+    assert_eq!(code(&surfcut(directory.path(), line)), 0);
+    assert_eq!(entries(directory.path()), ["sphere.png"]);
+}
+
+#[test]
+fn what_exists_is_refused_before_anything_is_drawn() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    fs::write(here.join("a.png"), "mine").unwrap();
+    let output = surfcut(here, "render cut.toml --pipeline reference -o b.png -o a.png");
+    assert_eq!(code(&output), 4);
+    assert!(stderr(&output).contains("a.png exists already") && stderr(&output).contains("--overwrite"));
+    assert_eq!(entries(here), ["a.png", "cut.toml"]);
+    assert_eq!(fs::read(here.join("a.png")).unwrap(), b"mine");
+    assert_eq!(code(&surfcut(here, "render cut.toml --pipeline reference -o a.png --overwrite")), 0);
+    assert_ne!(fs::read(here.join("a.png")).unwrap(), b"mine");
+    for (line, part) in [("-o a.jpg", ".exr"), ("-o no/a.png", "no does not exist"), ("-o .", "ends in")] {
+        let output = surfcut(here, &format!("render cut.toml --pipeline reference {line}"));
+        assert_eq!(code(&output), 4, "{line}: {}", stderr(&output));
+        assert!(stderr(&output).contains(part) || line == "-o .", "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn mistakes_have_their_codes_and_places() {
+    let directory = with_scene(&SCENE.replace("opacity", "opacty"));
+    let here = directory.path();
+    fs::write(here.join("bad.xyz"), "0 0 0\n1 2 nan\n").unwrap();
+    for (line, wanted, parts) in [
+        ("render cut.toml", 3, &["cut.toml:8:1", "did you mean `opacity`", "8 | opacty = 0.5"][..]),
+        ("render absent.toml", 3, &["absent.toml"]),
+        ("render absent.ply", 3, &["absent.ply", "no such file"]),
+        ("render bad.xyz", 3, &["bad.xyz", "line 2", "--drop-invalid"]),
+        ("check bad.xyz", 3, &["bad.xyz"]),
+        ("render sphere:0,0,0,-1", 2, &["sphere:0,0,0,-1", "greater than 0"]),
+        ("render sphere:0,0,0,1 --fov-y 200", 2, &["180"]),
+        ("render sphere:0,0,0,1 --size 3", 2, &["1024x768"]),
+        ("render sphere:0,0,0,1 -o - --summary-file -", 2, &["standard output"]),
+        ("render", 2, &["SCENE"]),
+        ("rendr x", 2, &["render"]),
+    ] {
+        let output = surfcut(here, line);
+        assert_eq!(code(&output), wanted, "{line}: {}", stderr(&output));
+        for part in parts {
+            assert!(stderr(&output).contains(part), "{line}: {} lacks {part}", stderr(&output));
+        }
+        assert!(stdout(&output).is_empty());
+    }
+    assert_eq!(entries(here), ["bad.xyz", "cut.toml"]);
+}
+
+#[test]
+fn an_empty_picture_is_never_silent() {
+    let directory = tempfile::tempdir().unwrap();
+    let line = "sphere:0,0,0,1 --and sphere:9,0,0,1";
+    let output = surfcut(directory.path(), &format!("render {line} --pipeline reference --size 16x16 -o e.png"));
+    assert_eq!(code(&output), 0);
+    assert!(stderr(&output).contains("the picture is empty"), "{}", stderr(&output));
+    assert_eq!(entries(directory.path()), ["e.png"]);
+    let output = surfcut(directory.path(), &format!("check {line}"));
+    assert_eq!(code(&output), 5);
+    assert!(stdout(&output).contains("do not meet"));
+}
+
+#[test]
+fn check_says_what_will_not_work() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    // A tetrahedron, closed; the same inside-out; the same without a face.
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+    fs::write(here.join("good.obj"), format!("{vertices}f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")).unwrap();
+    fs::write(here.join("turned.obj"), format!("{vertices}f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n")).unwrap();
+    fs::write(here.join("open.obj"), format!("{vertices}f 1 3 2\nf 1 2 4\nf 3 1 4\n")).unwrap();
+    for (file, wanted, part) in
+        [("good.obj", 0, "nothing is amiss"), ("turned.obj", 1, "inside-out"), ("open.obj", 1, "3 edges")]
+    {
+        let output = surfcut(here, &format!("check {file}"));
+        assert_eq!(code(&output), wanted, "{file}: {}", stdout(&output));
+        assert!(stdout(&output).contains(part), "{file}: {}", stdout(&output));
+    }
+    let output = surfcut(here, "check turned.obj --summary-file -");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["findings"][0]["leaf"], "turned");
+    assert_eq!(json["leaves"][0]["health"]["is_inside_out"], true);
+    let output = surfcut(here, "check good.obj --minus sphere:50,0,0,1");
+    assert!(stdout(&output).contains("`sphere` cuts nothing"), "{}", stdout(&output));
+}
+
+#[test]
+fn info_tells_what_there_is() {
+    let directory = with_scene(SCENE);
+    let output = surfcut(directory.path(), "info cut.toml");
+    assert_eq!(code(&output), 0);
+    for part in ["ball - drill", "mm", "48 × 32", "cylinder", "frames the scene"] {
+        assert!(stdout(&output).contains(part), "{}", stdout(&output));
+    }
+    let output = surfcut(directory.path(), "info cut.toml --summary-file -");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["leaves"][1]["geometry"], "cylinder");
+}
+
+#[test]
+fn a_picture_equals_itself() {
+    let directory = with_scene(SCENE);
+    let output = surfcut(
+        directory.path(),
+        "compare cut.toml --pipeline reference --with reference --difference d.png --summary-file c.json",
+    );
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(directory.path().join("c.json")).unwrap()).unwrap();
+    assert_eq!(json["comparison"]["wrong_pixels"], 0.0);
+    assert_eq!(json["ssim"], 1.0);
+    assert!(directory.path().join("d.png").exists());
+}
+
+#[test]
+fn completions_and_help_are_there() {
+    let here = Path::new(".");
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = surfcut(here, &format!("completions {shell}"));
+        assert_eq!(code(&output), 0);
+        assert!(stdout(&output).contains("--minus"), "{shell}");
+    }
+    let output = surfcut(here, "--help");
+    assert_eq!(code(&output), 0);
+    for part in ["Exit codes", "render", "check", "Examples"] {
+        assert!(stdout(&output).contains(part));
+    }
+    assert!(stdout(&surfcut(here, "render --help")).contains("half-space:"));
+}
