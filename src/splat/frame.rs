@@ -6,7 +6,7 @@
 //! by leaf and, within a leaf, those that rays can *enter* come first: most of what they hide is then skipped by depth
 //! without sorting.
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd};
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -235,6 +235,36 @@ impl BlockHits {
     }
 }
 
+/// [`trace_block`] with the best instructions at hand. Two sets on x86-64, not all four that could be told apart: each is
+/// another copy of every kernel, and half of the crate's build time.
+#[allow(clippy::too_many_arguments)]
+fn trace(
+    level: Level,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    corner: (u32, u32),
+    offset: DVec2,
+    sides: &mut SideCache,
+    out: &mut BlockHits,
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(avx2) = level.as_avx2() {
+            avx2.vectorize(
+                #[inline(always)]
+                || trace_block(avx2, tile, runs, corner, offset, sides, out),
+            );
+        } else if let Some(sse2) = level.as_sse2() {
+            sse2.vectorize(
+                #[inline(always)]
+                || trace_block(sse2, tile, runs, corner, offset, sides, out),
+            );
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, corner, offset, sides, out));
+}
+
 #[inline(always)]
 fn trace_block<S: Simd>(
     simd: S,
@@ -310,7 +340,7 @@ impl LayerSource for Frame<'_> {
                 facing: hit.facing,
                 samples,
             };
-            dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, centre, &mut sides, &mut traced));
+            trace(self.level, &tile, &runs, corner, centre, &mut sides, &mut traced);
             let live = |pixel: &usize| pixel_of(*pixel as u32 % BLOCK, *pixel as u32 / BLOCK).is_some();
             if self.samples == 1 || is_uniform((0..(BLOCK * BLOCK) as usize).filter(live).map(|p| traced.of(p))) {
                 for pixel in 0..(BLOCK * BLOCK) as usize {
@@ -323,7 +353,7 @@ impl LayerSource for Frame<'_> {
             // An edge runs through the block: every sample for itself.
             let mut merging: Vec<SampleMerger> = vec![SampleMerger::default(); (BLOCK * BLOCK) as usize];
             for (sample, offset) in offsets.iter().enumerate() {
-                dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, *offset, &mut sides, &mut traced));
+                trace(self.level, &tile, &runs, corner, *offset, &mut sides, &mut traced);
                 for (pixel, merger) in merging.iter_mut().enumerate() {
                     merger.add(traced.of(pixel).iter().map(|hit| record(hit, 1 << sample)));
                 }

@@ -21,7 +21,7 @@ use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::project::{View, ViewSurfel};
-use super::rows::{self, Detection, LANES, Row, Slot};
+use super::rows::{self, LANES, Row, Slot};
 use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
@@ -143,13 +143,13 @@ pub fn trace_row<S: Simd>(
     let mut hidden_from = f32x8::splat(simd, f32::INFINITY);
     for run in runs {
         let field = &tile.model.fields[run.leaf.0 as usize];
-        let how = Detection { generous: field.exact.is_some(), nearest_only: nearest_only && field.exact.is_none() };
+        let generous = field.exact.is_some();
         let mut slots = std::mem::take(&mut scratch.slots);
         slots.clear();
         // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
         let (entering, leaving) = run.members.split_at(run.entering);
         for (front, members) in [(true, entering), (false, leaving)] {
-            rows::detect(&row, &tile.surfels, members, how, &mut hidden_from, &mut slots);
+            rows::detect(&row, &tile.surfels, members, generous, hidden_from, &mut slots);
             for slot in slots.iter().filter(|slot| slot.front == front) {
                 resolve(&row, tile, runs, run, slot, nearest_only, &mut hidden_from, at, cache, scratch, hits);
             }
@@ -256,6 +256,12 @@ fn resolve<S: Simd>(
             normals[lane] = Vec3::new(nx[lane], ny[lane], nz[lane]).normalize_or_zero();
             colours[lane] = [r[lane], g[lane], b[lane]];
             opacities[lane] = opacity[lane];
+            if solution.weightless.test(lane) {
+                let surfel = &tile.surfels[best[lane] as usize];
+                normals[lane] = Vec3::from_array(surfel.normal);
+                colours[lane] = surfel.colour;
+                opacities[lane] = surfel.opacity;
+            }
         }
     }
     if lanes == 0 {
