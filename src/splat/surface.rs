@@ -20,6 +20,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
+use super::clip::{ClipScratch, Clipper};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, Detection, LANES, Row, Slot};
 use crate::classify::{Drawn, Model};
@@ -66,6 +67,8 @@ pub struct Tile<'a> {
     pub surfels: Vec<ViewSurfel>,
     /// How many boundaries to find.
     pub limit: LayerLimit,
+    /// Where partners are asked instead of the field.
+    pub clipper: Option<Clipper<'a>>,
 }
 
 /// The surfels of one leaf that may touch one block: positions in [`Tile::surfels`], those that rays can enter first.
@@ -81,11 +84,12 @@ pub struct Run<'a> {
 pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
     found: Vec<(u32, f32)>,
+    clip: ClipScratch,
 }
 
 impl<S: Simd> Default for Scratch<S> {
     fn default() -> Self {
-        Self { slots: Vec::new(), found: Vec::new() }
+        Self { slots: Vec::new(), found: Vec::new(), clip: ClipScratch::default() }
     }
 }
 
@@ -247,6 +251,15 @@ fn resolve<S: Simd>(
                 }
             }
             Some(Drawn::Edge(number)) => {
+                if let Some(clipper) = &tile.clipper {
+                    for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                        let px = DVec2::new(f64::from(at.0) + lane as f64, f64::from(at.1)) + at.2;
+                        let place = best[lane] as usize;
+                        crossings[lane] =
+                            clipper.crossing_on_ray(tile, run.leaf, place, px, t[lane], &mut scratch.clip);
+                    }
+                    continue;
+                }
                 let residual = &tile.model.classes[run.leaf.0 as usize].residuals[number as usize];
                 let mut inside = [0_u64; LANES];
                 let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
@@ -349,7 +362,7 @@ fn sides<S: Simd>(
 }
 
 /// The leaf whose material lies behind a surface of subtracted leaf `own`: the first positive leaf that holds the point.
-fn body_behind(
+pub(super) fn body_behind(
     tile: &Tile<'_>,
     own: LeafId,
     surfel: usize,
@@ -375,7 +388,7 @@ fn body_behind(
 }
 
 /// Sorts a ray's hits and drops what two groups found twice.
-fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
+pub(super) fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
     hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.leaf.cmp(&b.leaf)));
     hits.dedup_by(|b, a| a.leaf == b.leaf && a.facing == b.facing && a.t == b.t);
     if nearest_only {
