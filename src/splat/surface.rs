@@ -20,6 +20,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
+use super::clip::{ClipScratch, Clipper};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot};
 use crate::classify::{Drawn, LeafField, Model};
@@ -66,6 +67,8 @@ pub struct Tile<'a> {
     pub surfels: Vec<ViewSurfel>,
     /// How many boundaries to find.
     pub limit: LayerLimit,
+    /// Where partners are asked instead of the field.
+    pub clipper: Option<Clipper<'a>>,
 }
 
 /// The surfels of one leaf that may touch one block: positions in [`Tile::surfels`], those that rays can enter first.
@@ -84,11 +87,12 @@ pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
     found: Vec<(u32, f32)>,
     reaching: Vec<u32>,
+    clip: ClipScratch,
 }
 
 impl<S: Simd> Default for Scratch<S> {
     fn default() -> Self {
-        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new() }
+        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new(), clip: ClipScratch::default() }
     }
 }
 
@@ -186,7 +190,7 @@ fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> 
 }
 
 /// The world-space ray of one lane.
-fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
+pub(super) fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
     let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
     tile.view.camera.ray(px)
 }
@@ -288,6 +292,21 @@ fn resolve<S: Simd>(
                 }
             }
             Some(Drawn::Edge(number)) => {
+                if let Some(clipper) = &tile.clipper {
+                    for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                        let px = DVec2::new(f64::from(at.0) + lane as f64, f64::from(at.1)) + at.2;
+                        let place = best[lane] as usize;
+                        let crossing = clipper.crossing_on_ray(tile, run.leaf, place, px, t[lane], &mut scratch.clip);
+                        crossings[lane] = crossing.map(|crossing| {
+                            let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                                let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+                                tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
+                            });
+                            (crossing, body)
+                        });
+                    }
+                    continue;
+                }
                 let residual = &tile.model.classes[run.leaf.0 as usize].residuals[number as usize];
                 let mut inside = [0_u64; LANES];
                 let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
@@ -381,7 +400,7 @@ fn sides<S: Simd>(
 
 /// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the first positive
 /// leaf that holds the point; `holds` decides for leaves that are near.
-fn body_behind(
+pub(super) fn body_behind(
     tile: &Tile<'_>,
     own: LeafId,
     crossing: Crossing,
@@ -401,7 +420,7 @@ fn body_behind(
 }
 
 /// Sorts a ray's hits and drops what two groups found twice.
-fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
+pub(super) fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
     hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.leaf.cmp(&b.leaf)));
     hits.dedup_by(|b, a| a.leaf == b.leaf && a.facing == b.facing && a.t == b.t);
     if nearest_only {
