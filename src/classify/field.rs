@@ -24,6 +24,7 @@ use crate::geometry::neighbours::Neighbours;
 use crate::geometry::winding::{Element, Winding};
 use crate::scene::LeafKind;
 use crate::surfel::SurfelCloud;
+use crate::surfel::ball_tree::BallTree;
 
 /// Area of a surfel as a share of r²: radii are 1.3 times the distance to the 6th neighbour, and a disk of that distance
 /// holds about 6.5 surfels, so a = π (r / 1.3)² / 6.5.
@@ -43,12 +44,13 @@ pub struct LeafField {
     pub cloud: SurfelCloud,
     /// Over the surfels' centres.
     pub search: Neighbours,
+    /// Over the surfels' supports.
+    pub supports: BallTree,
     /// Where the leaf is represented as itself.
     pub exact: Option<Exact>,
     /// Solid or sheet.
     pub kind: LeafKind,
     winding: Option<Inside>,
-    largest_radius: f32,
 }
 
 /// Winding numbers with the level that separates inside from outside.
@@ -63,8 +65,8 @@ impl LeafField {
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
         let search = cloud.neighbours();
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
-        let largest_radius = cloud.chunks.iter().map(|c| c.largest_radius).fold(0.0, f32::max);
-        Self { cloud, search, exact, kind, winding, largest_radius }
+        let supports = BallTree::new(&cloud);
+        Self { cloud, search, supports, exact, kind, winding }
     }
 
     /// Whether the leaf can decide anything about others' surfels by its own (a solid that is not exact).
@@ -83,13 +85,12 @@ impl LeafField {
                 false => Membership::Near,
             };
         }
-        let Some((nearest, distance)) = self.search.nearest_in_world(centre_in_world) else {
-            return Membership::Out;
-        };
-        if f64::from(distance) > radius + f64::from(self.largest_radius()) {
-            side(self.far_inside(centre_in_world, nearest))
-        } else {
-            Membership::Near
+        if self.supports.touches(centre_in_world, radius) {
+            return Membership::Near;
+        }
+        match self.search.nearest_in_world(centre_in_world) {
+            Some((nearest, _)) => side(self.far_inside(centre_in_world, nearest)),
+            None => Membership::Out,
         }
     }
 
@@ -99,8 +100,7 @@ impl LeafField {
         if self.exact.is_some() || self.kind == LeafKind::Sheet {
             return self.ball(centre_in_world, f64::from(radius));
         }
-        self.search.within(self.search.offset(centre_in_world), radius + self.largest_radius(), found);
-        found.retain(|&(t, distance)| distance < radius + self.cloud.surfels[t as usize].radius);
+        self.supports.touching(centre_in_world, f64::from(radius), found);
         let Some(&(nearest, _)) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))) else {
             return match self.search.nearest_in_world(centre_in_world) {
                 Some((nearest, _)) => side(self.far_inside(centre_in_world, nearest)),
@@ -129,7 +129,7 @@ impl LeafField {
         if let Some(exact) = &self.exact {
             return exact.contains(p_in_world);
         }
-        self.search.within(self.search.offset(p_in_world), self.largest_radius(), found);
+        self.supports.touching(p_in_world, 0.0, found);
         let (mut weights, mut values) = (0.0_f32, 0.0_f32);
         for &(t, _) in found.iter() {
             let surfel = &self.cloud.surfels[t as usize];
@@ -154,11 +154,6 @@ impl LeafField {
                 e.dot(self.cloud.surfels[nearest as usize].normal) < 0.0
             }
         }
-    }
-
-    /// The largest radius of the leaf's surfels, world units.
-    pub fn largest_radius(&self) -> f32 {
-        self.largest_radius
     }
 }
 

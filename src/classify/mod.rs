@@ -9,7 +9,9 @@ use crate::csg::{LeafId, Tree};
 
 pub mod classes;
 pub mod field;
+pub mod inside;
 pub mod pairs;
+pub mod partners;
 
 pub use classes::{Class, ClassCounts, Drawn, LeafClasses, Wicke};
 pub use field::LeafField;

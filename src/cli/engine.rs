@@ -1,6 +1,7 @@
 //! What draws: a pipeline made ready for one scene.
 
 use surfcut::classify::Model;
+use surfcut::classify::partners::PartnerLists;
 use surfcut::csg::{LeafId, Tree};
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
@@ -9,7 +10,7 @@ use surfcut::reference::{Reference, TruthLeaf, TruthShape};
 use surfcut::scene::load::LoadedTruth;
 use surfcut::scene::{LeafGeometry, LoadedScene};
 use surfcut::space::Camera;
-use surfcut::splat::Frame;
+use surfcut::splat::{Frame, Partners, SplatSettings};
 
 use super::args::{Pipeline, PipelineArgs};
 use super::failure::InputError;
@@ -49,6 +50,9 @@ pub fn engine(
 struct SplatEngine {
     model: Model,
     frame: FrameArgs,
+    settings: SplatSettings,
+    /// Partners found in space, kept from frame to frame.
+    partners: Option<PartnerLists>,
 }
 
 impl SplatEngine {
@@ -76,13 +80,26 @@ impl SplatEngine {
         report.count("inside_edge_surfels", counts.inside_edge as u64);
         report.count("outside_edge_surfels", counts.outside_edge as u64);
         report.count("outside_surfels", counts.outside as u64);
-        Ok(Self { model: prepared.model, frame })
+        let model = prepared.model;
+        let settings = args.splat_settings();
+        let partners = match settings.partners_among() {
+            Some(among) if settings.partners == Partners::ObjectSpace => {
+                Some(report.phase("partners", || PartnerLists::in_space(&model, among)))
+            }
+            _ => None,
+        };
+        if let Some(partners) = &partners {
+            report.count("partners", partners.len() as u64);
+        }
+        Ok(Self { model, frame, settings, partners })
     }
 }
 
 impl Engine for SplatEngine {
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        Ok(Box::new(Frame::new(&self.model, camera.clone(), self.frame.limit, self.frame.samples)))
+        let FrameArgs { samples, limit } = self.frame;
+        let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_ref());
+        Ok(Box::new(frame))
     }
 }
 

@@ -235,7 +235,9 @@ pub(super) fn unit_normal(n: DVec3) -> Vec3 {
 /// Names the coordinate that cannot be used.
 #[cold]
 fn bad_coordinate(p: DVec3) -> String {
-    match [("x", p.x), ("y", p.y), ("z", p.z)].iter().find(|(_, value)| !(value.abs() <= LARGEST_COORDINATE)) {
+    // NaN lies in no range.
+    let usable = -LARGEST_COORDINATE..=LARGEST_COORDINATE;
+    match [("x", p.x), ("y", p.y), ("z", p.z)].iter().find(|(_, value)| !usable.contains(value)) {
         Some((name, value)) if value.is_finite() => {
             format!("{name} is {value:e}, beyond ±{LARGEST_COORDINATE:e} (wrong byte order?)")
         }

@@ -6,14 +6,22 @@
 //! by leaf and, within a leaf, those that rays can *enter* come first: most of what they hide is then skipped by depth
 //! without sorting.
 
-use fearless_simd::{Level, Simd, dispatch};
+use std::borrow::Cow;
+
+use fearless_simd::{Level, Simd};
 use glam::DVec2;
 use rayon::prelude::*;
 
+use super::clip::Clipping;
+use super::clip_buffer;
+use super::ewa::{self, Splat};
+use super::fragment::{self, FragmentScratch};
 use super::project::{LeafLook, View, ViewSurfel};
 use super::rows::LANES;
+use super::settings::{Clip, Partners, SplatSettings};
 use super::surface::{self, Hit, Run, Scratch, SideCache, Tile};
-use crate::classify::Model;
+use crate::classify::partners::{Among, PartnerLists};
+use crate::classify::{Class, Model};
 use crate::csg::LeafId;
 use crate::layers::{Boundary, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
@@ -40,14 +48,27 @@ pub struct Frame<'a> {
     starts: Vec<u32>,
     members: Vec<Member>,
     level: Level,
+    settings: SplatSettings,
+    /// Where the settings ask for partners.
+    clipping: Option<Clipping<'a>>,
 }
 
 impl<'a> Frame<'a> {
-    /// Bins the surfels of `model` for `camera`.
-    pub fn new(model: &'a Model, camera: Camera, limit: LayerLimit, samples: u32) -> Self {
+    /// Bins the surfels of `model` for `camera`, and finds partners where `settings` ask for any
+    /// ([`SplatSettings::partners_among`]). `partners` are lists that the caller keeps from frame to frame; they serve
+    /// where the settings search space and follow the same rule.
+    pub fn new(
+        model: &'a Model,
+        camera: Camera,
+        limit: LayerLimit,
+        samples: u32,
+        settings: SplatSettings,
+        partners: Option<&'a PartnerLists>,
+    ) -> Self {
         let across = camera.width.div_ceil(TILE_SIDE);
         let down = camera.height.div_ceil(TILE_SIDE);
         let view = View::new(camera);
+        let margin_px = margin_px(settings);
         // Step 1: each chunk's surfels by tile, in order.
         let chunks: Vec<(u32, u32)> = (0..model.fields.len())
             .flat_map(|leaf| (0..model.fields[leaf].cloud.chunks.len()).map(move |c| (leaf as u32, c as u32)))
@@ -58,7 +79,7 @@ impl<'a> Frame<'a> {
             .map(|task| {
                 let mut entries = Vec::with_capacity(task.len() * CHUNK);
                 for &(leaf, chunk) in task {
-                    bin_chunk(model, &view, leaf, chunk as usize, across, down, &mut entries);
+                    bin_chunk(model, &view, (leaf, chunk as usize), across, down, margin_px, &mut entries);
                 }
                 entries
             })
@@ -78,7 +99,35 @@ impl<'a> Frame<'a> {
             members[*place as usize] = member;
             *place += 1;
         }
-        Self { model, view, limit, samples, across, starts, members, level: Level::new() }
+        let level = Level::new();
+        let mut frame = Self { model, view, limit, samples, across, starts, members, level, settings, clipping: None };
+        frame.clipping = settings.partners_among().map(|among| {
+            let lists = match (settings.partners, partners) {
+                (Partners::ObjectSpace, Some(kept)) if kept.among() == among => Cow::Borrowed(kept),
+                (Partners::ObjectSpace, _) => Cow::Owned(PartnerLists::in_space(model, among)),
+                (Partners::ClipBuffer, _) => Cow::Owned(frame.clip_buffer(among)),
+            };
+            Clipping::new(model, lists, settings)
+        });
+        frame
+    }
+
+    /// The partners that the frame clips with; `None` where its settings need none.
+    pub fn partners(&self) -> Option<&PartnerLists> {
+        self.clipping.as_ref().map(Clipping::partners)
+    }
+
+    /// Finds partners in the picture.
+    fn clip_buffer(&self, among: Among) -> PartnerLists {
+        let camera = &self.view.camera;
+        let pairs = PixelRect::tiles(camera.width, camera.height, TILE_SIDE)
+            .into_par_iter()
+            .flat_map_iter(|rect| {
+                let (tile, leaves) = self.tile(rect, |class| clip_buffer::takes_part(class, among));
+                clip_buffer::pairs_of_tile(&tile, &leaves, among)
+            })
+            .collect();
+        PartnerLists::from_pairs(among, self.model.fields.len(), pairs)
     }
 
     /// The members of every tile that `rect` touches, by leaf and index, each once.
@@ -99,7 +148,12 @@ impl<'a> Frame<'a> {
         members
     }
 
-    fn tile(&self, rect: PixelRect) -> (Tile<'_>, Vec<(LeafId, std::ops::Range<usize>)>) {
+    /// The surfels of `rect` whose class is `wanted`, without partners, and where those of each leaf are.
+    fn tile(
+        &self,
+        rect: PixelRect,
+        wanted: impl Fn(Class) -> bool,
+    ) -> (Tile<'_>, Vec<(LeafId, std::ops::Range<usize>)>) {
         let members = self.members_of(rect);
         // The anchor only has to be of the surfels' depth: f32 then resolves the tile's depths to 1e-7 of their spread.
         let anchor = members.first().map_or(0.0, |m| {
@@ -115,6 +169,9 @@ impl<'a> Frame<'a> {
             let first = surfels.len();
             for m in of_leaf {
                 let class = self.model.classes[leaf].classes[m.index as usize];
+                if !wanted(class) {
+                    continue;
+                }
                 let look = LeafLook { colour: look.colour, opacity: look.opacity, class };
                 if let Some(s) = self.view.surfel(cloud, m.index as usize, rect, anchor, look) {
                     if s.may_enter { surfels.push(s) } else { leaving.push(s) }
@@ -123,18 +180,29 @@ impl<'a> Frame<'a> {
             surfels.append(&mut leaving);
             leaves.push((LeafId(leaf as u32), first..surfels.len()));
         }
-        (Tile { model: self.model, view: &self.view, rect, anchor, surfels, limit: self.limit }, leaves)
+        let tile =
+            Tile { model: self.model, view: &self.view, rect, anchor, surfels, limit: self.limit, clipper: None };
+        (tile, leaves)
     }
 }
 
-/// Appends the needed surfels of one chunk to the tiles their balls touch.
+/// How far outside of its ball a surfel is drawn, pixels.
+fn margin_px(settings: SplatSettings) -> f32 {
+    // The clip buffer uses the fragments' footprints.
+    let flat = settings.clip == Clip::Fragment
+        || (settings.partners == Partners::ClipBuffer && settings.partners_among().is_some());
+    if flat { ewa::REACH_PX } else { 0.0 }
+}
+
+/// Appends the needed surfels of one chunk, (leaf, chunk), to the tiles that their balls touch, or come within `margin_px`
+/// of.
 fn bin_chunk(
     model: &Model,
     view: &View,
-    leaf: u32,
-    chunk: usize,
+    (leaf, chunk): (u32, usize),
     across: u32,
     down: u32,
+    margin_px: f32,
     entries: &mut Vec<(u32, Member)>,
 ) {
     let field = &model.fields[leaf as usize];
@@ -154,8 +222,9 @@ fn bin_chunk(
         let Some(b) = view.bounds(view.point(cloud.centre(index)), radius) else { continue };
         // Float to integer casts saturate, so infinite bounds become the picture's.
         let tile = |px: f64, most: u32| ((px / f64::from(TILE_SIDE)).floor().max(0.0) as u32).min(most);
-        let (x0, x1) = (tile(b.left, across - 1), tile(b.right, across - 1));
-        let (y0, y1) = (tile(b.top, down - 1), tile(b.bottom, down - 1));
+        let margin = f64::from(margin_px);
+        let (x0, x1) = (tile(b.left - margin, across - 1), tile(b.right + margin, across - 1));
+        let (y0, y1) = (tile(b.top - margin, down - 1), tile(b.bottom + margin, down - 1));
         for ty in y0..=y1 {
             for tx in x0..=x1 {
                 entries.push((ty * across + tx, Member { leaf, index: index as u32 }));
@@ -173,14 +242,15 @@ struct Blocks {
 }
 
 impl Blocks {
-    fn of(tile: &Tile<'_>, leaves: &[(LeafId, std::ops::Range<usize>)]) -> Self {
+    /// Of a tile whose surfels are drawn up to `margin_px` outside of their balls.
+    fn of(tile: &Tile<'_>, leaves: &[(LeafId, std::ops::Range<usize>)], margin_px: f32) -> Self {
         let across = tile.rect.width().div_ceil(BLOCK);
         let down = tile.rect.height().div_ceil(BLOCK);
         let count = (across * down) as usize;
         let span = |low: f32, high: f32, most: u32| {
             // The blocks that hold a pixel centre between `low` and `high`.
             let block = |px: f32| (px / BLOCK as f32).floor().max(0.0) as u32;
-            (block(low - 1.0), block(high + 1.0).min(most - 1))
+            (block(low - 1.0 - margin_px), block(high + 1.0 + margin_px).min(most - 1))
         };
         let each = |index: usize, f: &mut dyn FnMut(usize)| {
             let s = &tile.surfels[index];
@@ -235,6 +305,36 @@ impl BlockHits {
     }
 }
 
+/// [`trace_block`] with the best instructions at hand. Two sets on x86-64, not all four that could be told apart: each is
+/// another copy of every kernel, and half of the crate's build time.
+#[allow(clippy::too_many_arguments)]
+fn trace_surfaces(
+    level: Level,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    corner: (u32, u32),
+    offset: DVec2,
+    sides: &mut SideCache,
+    out: &mut BlockHits,
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(avx2) = level.as_avx2() {
+            avx2.vectorize(
+                #[inline(always)]
+                || trace_block(avx2, tile, runs, corner, offset, sides, out),
+            );
+        } else if let Some(sse2) = level.as_sse2() {
+            sse2.vectorize(
+                #[inline(always)]
+                || trace_block(sse2, tile, runs, corner, offset, sides, out),
+            );
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, corner, offset, sides, out));
+}
+
 #[inline(always)]
 fn trace_block<S: Simd>(
     simd: S,
@@ -272,15 +372,31 @@ impl LayerSource for Frame<'_> {
     }
 
     fn draw(&self, rect: PixelRect) -> LayerTile {
-        let (tile, leaves) = self.tile(rect);
+        let (mut tile, leaves) = self.tile(rect, |_| true);
         if tile.surfels.is_empty() {
             return LayerTile::empty(rect);
         }
-        let blocks = Blocks::of(&tile, &leaves);
+        tile.clipper = self.clipping.as_ref().map(|clipping| clipping.of_tile(&tile.surfels, &leaves));
+        let corner = (rect.x0, rect.y0);
+        let splats: Vec<Splat> = match self.settings.clip {
+            Clip::Fragment => tile.surfels.iter().map(|s| Splat::of(s, &self.view, corner, tile.anchor)).collect(),
+            Clip::Surface => Vec::new(),
+        };
+        let mut scratch = FragmentScratch::default();
+        let mut sides = SideCache::new(self.model.fields.len());
+        let mut trace = |runs: &[Run<'_>], corner: (u32, u32), offset: DVec2, out: &mut BlockHits| match &tile.clipper {
+            Some(clipper) if self.settings.clip == Clip::Fragment => {
+                out.hits.clear();
+                out.ends.clear();
+                let BlockHits { hits, ends } = out;
+                fragment::trace_block(&tile, clipper, &splats, runs, corner, BLOCK, offset, &mut scratch, hits, ends);
+            }
+            _ => trace_surfaces(self.level, &tile, runs, corner, offset, &mut sides, out),
+        };
+        let blocks = Blocks::of(&tile, &leaves, margin_px(self.settings));
         let offsets = sample_offsets(self.samples);
         let centre = DVec2::splat(0.5);
         let mut placed: Vec<(u32, Boundary)> = Vec::with_capacity(rect.area());
-        let mut sides = SideCache::new(self.model.fields.len());
         let mut traced = BlockHits::default();
         let all = ((1_u32 << self.samples) - 1) as u16;
         for (block, runs) in blocks.runs.iter().enumerate() {
@@ -310,7 +426,7 @@ impl LayerSource for Frame<'_> {
                 facing: hit.facing,
                 samples,
             };
-            dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, centre, &mut sides, &mut traced));
+            trace(&runs, corner, centre, &mut traced);
             let live = |pixel: &usize| pixel_of(*pixel as u32 % BLOCK, *pixel as u32 / BLOCK).is_some();
             if self.samples == 1 || is_uniform((0..(BLOCK * BLOCK) as usize).filter(live).map(|p| traced.of(p))) {
                 for pixel in 0..(BLOCK * BLOCK) as usize {
@@ -323,7 +439,7 @@ impl LayerSource for Frame<'_> {
             // An edge runs through the block: every sample for itself.
             let mut merging: Vec<SampleMerger> = vec![SampleMerger::default(); (BLOCK * BLOCK) as usize];
             for (sample, offset) in offsets.iter().enumerate() {
-                dispatch!(self.level, simd => trace_block(simd, &tile, &runs, corner, *offset, &mut sides, &mut traced));
+                trace(&runs, corner, *offset, &mut traced);
                 for (pixel, merger) in merging.iter_mut().enumerate() {
                     merger.add(traced.of(pixel).iter().map(|hit| record(hit, 1 << sample)));
                 }

@@ -2,13 +2,22 @@
 //!
 //! A [`Frame`] is a [`LayerSource`](crate::layers::LayerSource): [`frame`] bins surfels into tiles, [`project`] turns a
 //! tile's surfels into view space, [`rows`] holds the kernels that find, solve and clip surfaces for eight rays at once,
-//! and [`surface`] puts them together for one block of pixels.
+//! and [`surface`] puts them together for one block of pixels. The paper's own way is [`fragment`], with the weights of
+//! [`ewa`]; [`clip`] asks clipping partners, which [`clip_buffer`] finds in the picture.
 
+pub mod clip;
+pub mod clip_buffer;
+pub mod ewa;
+pub mod fragment;
 pub mod frame;
+#[cfg(test)]
+mod paper_tests;
 pub mod project;
 pub mod rows;
 pub mod settings;
 pub mod surface;
+#[cfg(test)]
+pub(crate) mod test_scenes;
 
 pub use frame::Frame;
 pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

@@ -23,6 +23,12 @@ use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
 use super::project::ViewSurfel;
 
+/// Squared cosine between a ray and the normal below which a miss is a silhouette: 75° and more off the normal.
+const GRAZING_COSINE_SQUARED: f32 = 0.067;
+
+/// A candidate's weight (1 − |e|²/r²)² above which it alone proves the surface: the ray passes within 0.7 of its radius.
+const SURE_WEIGHT: f32 = 0.25;
+
 /// Rays a row kernel handles at once.
 pub const LANES: usize = 8;
 
@@ -134,6 +140,8 @@ pub struct Slot<S: Simd> {
     weighted_depth: f32x8<S>,
     /// Largest candidate weight, and whose.
     best_weight: f32x8<S>,
+    /// Depth of that candidate.
+    pub best_depth: f32x8<S>,
     /// Position, in the list that was searched, of the surfel nearest to the hit.
     pub best: u32x8<S>,
     /// Radius of that surfel.
@@ -148,29 +156,20 @@ impl<S: Simd> Slot<S> {
     }
 }
 
-/// What [`detect`] needs to know beside the surfels.
-#[derive(Clone, Copy)]
-pub struct Detection {
-    /// Exact leaves take every ray that passes a support ball as a candidate: their own surface decides later.
-    pub generous: bool,
-    /// Stop looking behind opaque surfaces.
-    pub nearest_only: bool,
-}
-
 /// Adds the surfaces of one leaf that the row's rays meet to `slots`.
 ///
-/// `hidden_from` bounds, per lane, the depth from which on nothing can be seen any more; it is drawn nearer by surface
-/// surfels if `nearest_only`.
+/// `hidden_from` bounds, per lane, the depth from which on nothing can be seen any more. `generous` detection, for exact
+/// leaves, takes every ray that passes a support ball as a candidate: the leaf's own surface decides later.
 #[inline(always)]
 pub fn detect<S: Simd>(
     row: &Row<S>,
     surfels: &[ViewSurfel],
     members: &[u32],
-    how: Detection,
-    hidden_from: &mut f32x8<S>,
+    generous: bool,
+    hidden_from: f32x8<S>,
     slots: &mut Vec<Slot<S>>,
 ) {
-    let mut farthest = hidden_from.reduce_max();
+    let farthest = hidden_from.reduce_max();
     for &member in members {
         let s = &surfels[member as usize];
         if row.y < s.top || row.y > s.bottom || s.near > farthest {
@@ -189,11 +188,8 @@ pub fn detect<S: Simd>(
         let a0 = ne + (q.ex * me_x + me_y * q.ey + me_z * q.ez) * 0.5;
         let a1 = q.nd + (row.dir_x * me_x + me_y * row.dir_y + me_z);
         let square = a1 * a1 - a0 * q.a2 * 4.0;
-        let (root, real) = if how.generous {
-            (square.max(0.0).sqrt(), row.live)
-        } else {
-            (square.sqrt(), square.simd_ge(0.0) & row.live)
-        };
+        let (root, real) =
+            if generous { (square.max(0.0).sqrt(), row.live) } else { (square.sqrt(), square.simd_ge(0.0) & row.live) };
         // Step 2: the root that enters and the one that leaves, where inside the support.
         for front in [true, false] {
             if !(if front { s.may_enter } else { s.may_leave }) {
@@ -205,17 +201,13 @@ pub fn detect<S: Simd>(
             let u = row.support(s, ex, ey, ez);
             let t = tau + s.z;
             // Comparisons are false for NaN, so a vanishing denominator drops the lane.
-            let hit = real & u.simd_lt(1.0) & t.simd_lt(*hidden_from);
+            let hit = real & u.simd_lt(1.0) & t.simd_lt(hidden_from);
             if hit.all_false() {
                 continue;
             }
             let v = row.splat(1.0) - u;
             let w = v * v;
             join(row, slots, front, hit, t, w, s, member);
-            if how.nearest_only && !s.class.is_edge() && s.opacity >= 1.0 {
-                *hidden_from = hit.select(hidden_from.min(t + 2.0 * s.reach), *hidden_from);
-                farthest = hidden_from.reduce_max();
-            }
         }
     }
 }
@@ -252,6 +244,7 @@ fn join<S: Simd>(
         slot.weighted_depth = slot.weighted_depth + takes.select(w * t, zero);
         let better = takes & w.simd_ge(slot.best_weight);
         slot.best_weight = better.select(w, slot.best_weight);
+        slot.best_depth = better.select(t, slot.best_depth);
         slot.best_radius = better.select(row.splat(s.radius), slot.best_radius);
         slot.best = better.select(u32x8::splat(row.simd, member), slot.best);
         slot.lanes = slot.lanes | takes;
@@ -269,6 +262,7 @@ fn join<S: Simd>(
         weight: w,
         weighted_depth: pending.select(w * t, zero),
         best_weight: w,
+        best_depth: t,
         best: u32x8::splat(row.simd, member),
         best_radius: row.splat(s.radius),
     });
@@ -279,6 +273,8 @@ fn join<S: Simd>(
 pub struct Solution<S: Simd> {
     /// Lanes that hit.
     pub lanes: mask32x8<S>,
+    /// Those of them where no surfel but the nearest speaks for the surface: its normal and colour count.
+    pub weightless: mask32x8<S>,
     /// Depth relative to the tile's anchor.
     pub t: f32x8<S>,
     /// The leaf's outward normal in view axes, of any length.
@@ -340,8 +336,17 @@ pub fn solve<S: Simd>(
     let tau = a0 * 2.0 / denominator;
     let sign_right = if slot.front { a1.simd_lt(0.0) } else { a1.simd_gt(0.0) };
     let near = tau.abs().simd_lt(slot.best_radius * FARTHEST_SOLVE_IN_RADII);
-    lanes = lanes & square.simd_ge(0.0) & sign_right & near & weight.simd_gt(LEAST_WEIGHT);
-    let mut t = start + tau;
+    let solved = lanes & square.simd_ge(0.0) & sign_right & near & weight.simd_gt(LEAST_WEIGHT);
+    // A ray that misses passes the surface at a grazing angle: that is a silhouette, and the group is dropped. A steep ray
+    // that has no solution meets a surface whose surfels disagree (noise, a crease): it keeps its nearest surfel's hit.
+    let along = normal[0] * row.dir_x + normal[1] * row.dir_y + normal[2];
+    let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+    let ray = row.dir_x * row.dir_x + (row.dir_y * row.dir_y + 1.0);
+    let steep = (along * along).simd_gt(length * ray * GRAZING_COSINE_SQUARED) | weight.simd_le(LEAST_WEIGHT);
+    let kept = lanes & !solved & steep & slot.best_weight.simd_gt(SURE_WEIGHT);
+    lanes = solved | kept;
+    let tau = solved.select(tau, zero);
+    let mut t = solved.select(start + tau, slot.best_depth);
     let normal: [f32x8<S>; 3] = std::array::from_fn(|k| normal[k] + slope[k] * tau);
     // Step 2: Newton steps on the field, weights renewed, over the surfels that reached the first guess: one that only
     // reaches the hit has next to no weight there. A step that diverges keeps the hit it had.
@@ -365,11 +370,12 @@ pub fn solve<S: Simd>(
             rate = rate + w * f.slope;
         }
         let step = value / rate;
-        let good = lanes & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * 0.5);
+        let good = solved & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * 0.5);
         t = good.select(t - step, t);
     }
     let share = row.splat(1.0) / weight;
-    Solution { lanes, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
+    let weightless = lanes & weight.simd_le(LEAST_WEIGHT);
+    Solution { lanes, weightless, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
 }
 
 /// One surfel's terms of the field at depth `t`.

@@ -20,8 +20,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
+use super::clip::{ClipScratch, Clipper};
 use super::project::{View, ViewSurfel};
-use super::rows::{self, Detection, LANES, Row, Slot};
+use super::rows::{self, LANES, Row, Slot};
 use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
@@ -66,6 +67,8 @@ pub struct Tile<'a> {
     pub surfels: Vec<ViewSurfel>,
     /// How many boundaries to find.
     pub limit: LayerLimit,
+    /// Where partners are asked instead of the field.
+    pub clipper: Option<Clipper<'a>>,
 }
 
 /// The surfels of one leaf that may touch one block: positions in [`Tile::surfels`], those that rays can enter first.
@@ -84,11 +87,12 @@ pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
     found: Vec<(u32, f32)>,
     reaching: Vec<u32>,
+    clip: ClipScratch,
 }
 
 impl<S: Simd> Default for Scratch<S> {
     fn default() -> Self {
-        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new() }
+        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new(), clip: ClipScratch::default() }
     }
 }
 
@@ -112,11 +116,11 @@ impl SideCache {
         {
             return side;
         }
-        let Some((nearest, distance)) = field.search.nearest_in_world(p_in_world) else { return false };
+        let Some((nearest, _)) = field.search.nearest_in_world(p_in_world) else { return false };
         let side = field.far_inside(p_in_world, nearest);
         // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
-        const COVERED_SHARE: f64 = 0.8;
-        let clearance = f64::from(distance) - COVERED_SHARE * f64::from(field.largest_radius());
+        const COVERED_SHARE: f32 = 0.8;
+        let clearance = f64::from(field.supports.clearance(p_in_world, COVERED_SHARE));
         *known = Some((p_in_world, clearance.max(0.0), side));
         side
     }
@@ -143,13 +147,13 @@ pub fn trace_row<S: Simd>(
     let mut hidden_from = f32x8::splat(simd, f32::INFINITY);
     for run in runs {
         let field = &tile.model.fields[run.leaf.0 as usize];
-        let how = Detection { generous: field.exact.is_some(), nearest_only: nearest_only && field.exact.is_none() };
+        let generous = field.exact.is_some();
         let mut slots = std::mem::take(&mut scratch.slots);
         slots.clear();
         // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
         let (entering, leaving) = run.members.split_at(run.entering);
         for (front, members) in [(true, entering), (false, leaving)] {
-            rows::detect(&row, &tile.surfels, members, how, &mut hidden_from, &mut slots);
+            rows::detect(&row, &tile.surfels, members, generous, hidden_from, &mut slots);
             for slot in slots.iter().filter(|slot| slot.front == front) {
                 resolve(&row, tile, runs, run, slot, nearest_only, &mut hidden_from, at, cache, scratch, hits);
             }
@@ -186,7 +190,7 @@ fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> 
 }
 
 /// The world-space ray of one lane.
-fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
+pub(super) fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
     let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
     tile.view.camera.ray(px)
 }
@@ -256,6 +260,12 @@ fn resolve<S: Simd>(
             normals[lane] = Vec3::new(nx[lane], ny[lane], nz[lane]).normalize_or_zero();
             colours[lane] = [r[lane], g[lane], b[lane]];
             opacities[lane] = opacity[lane];
+            if solution.weightless.test(lane) {
+                let surfel = &tile.surfels[best[lane] as usize];
+                normals[lane] = Vec3::from_array(surfel.normal);
+                colours[lane] = surfel.colour;
+                opacities[lane] = surfel.opacity;
+            }
         }
     }
     if lanes == 0 {
@@ -282,6 +292,21 @@ fn resolve<S: Simd>(
                 }
             }
             Some(Drawn::Edge(number)) => {
+                if let Some(clipper) = &tile.clipper {
+                    for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                        let px = DVec2::new(f64::from(at.0) + lane as f64, f64::from(at.1)) + at.2;
+                        let place = best[lane] as usize;
+                        let crossing = clipper.crossing_on_ray(tile, run.leaf, place, px, t[lane], &mut scratch.clip);
+                        crossings[lane] = crossing.map(|crossing| {
+                            let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                                let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+                                tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
+                            });
+                            (crossing, body)
+                        });
+                    }
+                    continue;
+                }
                 let residual = &tile.model.classes[run.leaf.0 as usize].residuals[number as usize];
                 let mut inside = [0_u64; LANES];
                 let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
@@ -375,7 +400,7 @@ fn sides<S: Simd>(
 
 /// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the first positive
 /// leaf that holds the point; `holds` decides for leaves that are near.
-fn body_behind(
+pub(super) fn body_behind(
     tile: &Tile<'_>,
     own: LeafId,
     crossing: Crossing,
@@ -395,7 +420,7 @@ fn body_behind(
 }
 
 /// Sorts a ray's hits and drops what two groups found twice.
-fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
+pub(super) fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
     hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.leaf.cmp(&b.leaf)));
     hits.dedup_by(|b, a| a.leaf == b.leaf && a.facing == b.facing && a.t == b.t);
     if nearest_only {

@@ -14,6 +14,10 @@ const NEIGHBOURS: usize = 16;
 /// How many are asked where those leave a sector, or the surfel's own sheet, empty.
 const WIDER: [usize; 2] = [64, 256];
 
+/// A surfel that is not of one sheet with most of those about it is a corner's, or its normal is wrong. In the corner of a cube a
+/// third of the neighbours are on each face, at √3 times the distances; further ones on other walls must not make it larger.
+const MINORITY: f32 = 2.0;
+
 /// Points with final normals. Two are on one sheet where their normals agree within [`SAME_SHEET`] and, where it is known,
 /// their patch is the same.
 #[derive(Clone, Copy)]
@@ -49,9 +53,11 @@ impl Scratch {
         let Sheets { neighbours, points, normals, .. } = *sheets;
         let (p, n) = (points[i], normals[i]);
         neighbours.nearest_k(p, NEIGHBOURS + 1, &mut self.found);
+        let ring = self.found.iter().filter(|f| f.0 != i as u32).take(RING).last().map_or(0.0, |f| f.1);
         self.keep_sheet(sheets, i);
         let curvature = curvature::fit(n, &self.sheet);
         let agreement = self.agreement(points, normals, i);
+        let minority = self.sheet.len() < RING;
         let mut cover = self.cover(n);
         for wider in WIDER {
             if !(cover.open || self.sheet.len() < RING) || self.found.len() == points.len() {
@@ -62,13 +68,15 @@ impl Scratch {
             cover = self.cover(n);
         }
         let alone = self.sheet.len() < RING || !(cover.radius > 0.0);
-        if alone {
-            // Alone on its sheet, or all lie along the normal: the distance from the others, whatever they are, must do.
-            let others = self.found.iter().filter(|f| f.0 != i as u32);
-            let ring = others.take(RING).last().map_or(0.0, |f| f.1);
-            cover.radius = cover.radius.max(COVERAGE * ring);
-        }
-        Around { radius: cover.radius, alone, curvature, agreement }
+        let radius = if alone {
+            // The distance from the others, whatever they are, must do.
+            COVERAGE * ring
+        } else if minority {
+            cover.radius.min(MINORITY * COVERAGE * ring)
+        } else {
+            cover.radius
+        };
+        Around { radius, alone, curvature, agreement }
     }
 
     /// Keeps the neighbours whose normals say that they are on the sheet of surfel `i`.

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::around::{Scratch, Sheets, median_spacing};
 use super::assemble::{Body, assemble};
+use super::isolated;
 use super::orient::{self, DEGREE, orient};
 use super::place::{Given, Known, Placed, ellipse, even_scale};
 use super::radius::RING;
@@ -44,6 +45,8 @@ pub struct CloudNotes {
     pub cavities: usize,
     /// Radii or ellipses of the file that have no positive size, and were estimated instead.
     pub bad_radii: usize,
+    /// Points that hang in the air, off the surface about them: their radii were made as small as those about them.
+    pub isolated: usize,
     /// Whether the file's normals bound a negative volume: they seem to point inward. They were kept.
     pub inward: bool,
 }
@@ -110,9 +113,10 @@ pub fn from_cloud(
     };
     let both_halves = known.is_none();
     let done = |count: usize| progress(if both_halves { count } else { count - count / 2 } as u64);
-    let (surfels, chunks, confidence) = assemble(&positions, body, done);
+    let (mut surfels, mut chunks, confidence) = assemble(&positions, body, done);
     progress(duplicates as u64);
     drop((positions, colours));
+    notes.isolated = isolated::settle(&sheets, &mut surfels, &mut chunks, |i| few || supports.radius(i) > 0.0);
 
     let spacing = median_spacing(&neighbours, &points, half_extent);
     let supports = supports.matrices(&normals, &surfels);
@@ -143,10 +147,12 @@ fn estimate(
             let places = graph.chunks_mut(DEGREE).zip(certainties.iter_mut()).zip(normals.iter_mut());
             for (place, ((edges, certainty), normal)) in places.enumerate() {
                 let i = c * CHUNK + place;
-                let fitted = normals::fit(neighbours, points, i, scratch);
                 if known[i] == Known::Nothing {
+                    let fitted = normals::fit(neighbours, points, i, scratch);
                     *normal = fitted.normal;
                     *certainty = (fitted.certainty * f32::from(u8::MAX)).round() as u8;
+                } else {
+                    neighbours.nearest_k(points[i], DEGREE + 1, &mut scratch.found);
                 }
                 let others = scratch.found.iter().map(|(j, _)| *j).filter(|j| *j != i as u32);
                 edges.iter_mut().zip(others).for_each(|(edge, j)| *edge = j);

@@ -173,6 +173,27 @@ fn bodies_cavities_and_crumbs() {
 }
 
 #[test]
+fn stray_points_get_no_large_disks_and_sparse_parts_do() {
+    let mut random = Random::new(9);
+    let mut points = thin(&plane_points(60_000, &mut random), 0.02);
+    // The right half is five times as sparse (in spacing) as the left.
+    let sparse = thin(&points, 0.1);
+    points.retain(|(p, _)| p.x < 0.0);
+    points.extend(sparse.iter().filter(|(p, _)| p.x >= 0.0));
+    let surface = points.len();
+    // Normals along the plane: nothing about them faces alike.
+    points.extend((0..5).map(|i| (DVec3::new(0.15 * f64::from(i) - 0.8, 0.1, 0.6), DVec3::Y)));
+    let (cloud, notes) = build(with_normals(&points));
+    assert_eq!((notes.isolated, cloud.len()), (5, surface + 5));
+    for i in (0..cloud.len()).filter(|i| cloud.centre(*i).z > 0.5) {
+        assert!(cloud.surfels[i].radius < 0.06, "{}", cloud.surfels[i].radius);
+    }
+    let truth: Vec<_> = plane_points(40_000, &mut random).iter().map(|(p, n)| (*p * 0.9, *n)).collect();
+    assert_eq!(holes(&cloud, &truth), 0);
+    assert!(cloud.chunks.iter().all(|c| c.largest_radius < 0.4));
+}
+
+#[test]
 fn given_normals_are_kept_and_their_gaps_filled() {
     let mut random = Random::new(6);
     let torus = torus_points(CENTRE_LINE, TUBE, 5000, &mut random);

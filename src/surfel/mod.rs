@@ -6,10 +6,12 @@
 
 mod around;
 mod assemble;
+pub mod ball_tree;
 pub mod cloud;
 #[cfg(test)]
 mod cloud_tests;
 mod curvature;
+mod isolated;
 pub mod mesh;
 mod normals;
 mod orient;

@@ -21,9 +21,10 @@ use crate::geometry::neighbours::Neighbours;
 /// Neighbours of the first fit: 2.7 times the unknowns of the quadric.
 const FIRST: usize = 16;
 
-/// Neighbours of the next, and of the largest fit.
-const WIDE: usize = 4 * FIRST;
-const WIDEST: usize = 2 * WIDE;
+/// Radii of the wider neighbourhoods, in radii of the first: on a surface they hold twice, four and eight times as many points.
+const DOUBLE: f64 = std::f64::consts::SQRT_2;
+const WIDE: f64 = 2.0;
+const WIDEST: f64 = 2.0 * DOUBLE;
 
 /// A slope known to this standard error (radians, 0.3°) needs no larger neighbourhood.
 const GOOD_ENOUGH: f64 = 0.005;
@@ -56,28 +57,32 @@ pub(crate) struct FittedNormal {
 /// Buffers of one thread.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
+    /// Index and distance of the nearest points of the last fit.
     pub found: Vec<(u32, f32)>,
-    more: Vec<(u32, f32)>,
     offsets: Vec<DVec3>,
 }
 
 /// The normal at `points[index]`. Leaves its nearest [`FIRST`] + 1 points, itself among them, in `scratch.found`.
 pub(crate) fn fit(neighbours: &Neighbours, points: &[Vec3], index: usize, scratch: &mut Scratch) -> FittedNormal {
     let p = points[index];
-    neighbours.nearest_k(p, FIRST + 1, &mut scratch.found);
-    gather(points, p, &scratch.found, &mut scratch.offsets);
-    let mut best = quadric(&scratch.offsets);
-    if best.error > GOOD_ENOUGH && points.len() > 2 * FIRST {
-        neighbours.nearest_k(p, WIDEST + 1, &mut scratch.more);
-        gather(points, p, &scratch.more, &mut scratch.offsets);
-        let offsets = &scratch.offsets;
-        let wider = |count: usize, steady: f64, than: &Fit| {
-            let fit = quadric(offsets.get(..=count)?);
+    let Scratch { found, offsets } = scratch;
+    neighbours.nearest_k(p, FIRST + 1, found);
+    offsets.clear();
+    offsets.extend(found.iter().map(|&(j, _)| (points[j as usize] - p).as_dvec3()));
+    let mut best = first_fit(offsets);
+    if best.error > GOOD_ENOUGH && points.len() > 2 * FIRST && best.scale > 0.0 {
+        let (scale, frame) = (best.scale, best.normal);
+        offsets.clear();
+        neighbours.for_each_within(p, (WIDEST * scale) as f32, |j, _| {
+            offsets.push((points[j as usize] - p).as_dvec3());
+        });
+        let wider = |factor: f64, steady: f64, than: &Fit| {
+            let fit = mended_jet(offsets, factor * scale, frame)?;
             (fit.residual <= steady * than.residual && fit.error < than.error).then_some(fit)
         };
         if let Some(wide) = wider(WIDE, STEADY_WIDE, &best) {
             best = wider(WIDEST, STEADY, &wide).unwrap_or(wide);
-        } else if let Some(wide) = wider(2 * FIRST, STEADY, &best) {
+        } else if let Some(wide) = wider(DOUBLE, STEADY, &best) {
             best = wide;
         }
     }
@@ -88,13 +93,10 @@ pub(crate) fn fit(neighbours: &Neighbours, points: &[Vec3], index: usize, scratc
     }
 }
 
-fn gather(points: &[Vec3], p: Vec3, found: &[(u32, f32)], offsets: &mut Vec<DVec3>) {
-    offsets.clear();
-    offsets.extend(found.iter().map(|&(j, _)| (points[j as usize] - p).as_dvec3()));
-}
-
 struct Fit {
     normal: DVec3,
+    /// Radius of the neighbourhood, world units.
+    scale: f64,
     /// Root mean square residual, world units.
     residual: f64,
     /// Standard error of the slope, radians.
@@ -102,24 +104,28 @@ struct Fit {
 }
 
 /// Fits to `offsets` from the point, nearest first; the point itself is among them.
-fn quadric(offsets: &[DVec3]) -> Fit {
+fn first_fit(offsets: &[DVec3]) -> Fit {
     let scale = offsets.last().map_or(0.0, |e| e.length());
-    let (plane_normal, flatness) = plane(offsets);
+    let (normal, flatness) = plane(offsets);
+    if offsets.len() > UNKNOWNS
+        && scale > 0.0
+        && let Some(fit) = mended_jet(offsets, scale, normal)
+    {
+        return fit;
+    }
     // What a plane alone says: with residual s over a disk of radius ρ the slope's standard error is 2 s / (ρ √k).
-    let plane_fit =
-        Fit { normal: plane_normal, residual: scale * flatness, error: 2.0 * flatness / (offsets.len() as f64).sqrt() };
-    if offsets.len() <= UNKNOWNS || !(scale > 0.0) {
-        return Fit { error: plane_fit.error.max(HALF_CONFIDENT), ..plane_fit };
+    let error = (2.0 * flatness / (offsets.len() as f64).sqrt()).max(HALF_CONFIDENT);
+    Fit { normal, scale, residual: scale * flatness, error }
+}
+
+/// The quadric over the plane with `normal`; where it leans, again over its own tangent plane.
+fn mended_jet(offsets: &[DVec3], scale: f64, normal: DVec3) -> Option<Fit> {
+    let (first, slope) = jet(offsets, scale, normal)?;
+    if slope <= TILTED {
+        return Some(first);
     }
-    match jet(offsets, scale, plane_normal) {
-        Some((first, slope)) if slope > TILTED => match jet(offsets, scale, first.normal) {
-            // A quadric that runs away when its frame is mended follows outliers, not a surface.
-            Some((second, slope)) if slope <= 1.0 => second,
-            _ => plane_fit,
-        },
-        Some((first, _)) => first,
-        None => plane_fit,
-    }
+    // A quadric that runs away when its frame is mended follows outliers, not a surface.
+    jet(offsets, scale, first.normal).and_then(|(second, slope)| (slope <= 1.0).then_some(second))
 }
 
 /// Normal of the plane of least squares through `offsets` and the root mean square distance from it, as a share of the
@@ -177,27 +183,57 @@ pub(crate) fn eigenvalues(m: DMat3) -> [f64; 3] {
     [root(angle + third_of_turn), root(angle - third_of_turn), root(angle)]
 }
 
-/// The quadric over the plane with `normal`; also its slope at the point. `None` where the points do not determine it.
+/// The quadric over the plane with `normal`, of the offsets not longer than `scale`; also its slope at the point. `None`
+/// where the points do not determine it.
 fn jet(offsets: &[DVec3], scale: f64, normal: DVec3) -> Option<(Fit, f64)> {
     let (u, v) = normal.any_orthonormal_pair();
-    let mut system = [[0.0f64; UNKNOWNS]; UNKNOWNS];
+    // The normal equations hold only sums of products xⁱyʲ, i + j ≤ 4, and those with z: 22 sums.
+    let mut moments = [[0.0f64; 5]; 5];
     let mut right = [0.0f64; UNKNOWNS];
-    let mut zz = 0.0;
+    let (mut zz, mut count) = (0.0, 0);
+    let per_scale = 1.0 / scale;
+    // The farthest of the first neighbours lies at the scale itself.
+    let reach2 = scale * scale * (1.0 + 1e-12);
     for e in offsets {
-        let (x, y, z) = (e.dot(u) / scale, e.dot(v) / scale, e.dot(normal) / scale);
-        let row = [1.0, x, y, x * x, x * y, y * y];
-        for i in 0..UNKNOWNS {
-            for j in i..UNKNOWNS {
-                system[j][i] += row[i] * row[j];
-            }
-            right[i] += row[i] * z;
+        if e.length_squared() > reach2 {
+            continue;
         }
+        let (x, y, z) = (e.dot(u) * per_scale, e.dot(v) * per_scale, e.dot(normal) * per_scale);
+        let (xx, xy, yy) = (x * x, x * y, y * y);
+        moments[1][0] += x;
+        moments[0][1] += y;
+        moments[2][0] += xx;
+        moments[1][1] += xy;
+        moments[0][2] += yy;
+        moments[3][0] += xx * x;
+        moments[2][1] += xx * y;
+        moments[1][2] += x * yy;
+        moments[0][3] += yy * y;
+        moments[4][0] += xx * xx;
+        moments[3][1] += xx * xy;
+        moments[2][2] += xx * yy;
+        moments[1][3] += xy * yy;
+        moments[0][4] += yy * yy;
+        right[0] += z;
+        right[1] += x * z;
+        right[2] += y * z;
+        right[3] += xx * z;
+        right[4] += xy * z;
+        right[5] += yy * z;
         zz += z * z;
+        count += 1;
     }
+    if count <= UNKNOWNS {
+        return None;
+    }
+    moments[0][0] = f64::from(count as u32);
+    let powers = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
+    let entry = |i: usize, j: usize| moments[powers[i].0 + powers[j].0][powers[i].1 + powers[j].1];
+    let system = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
     let factor = cholesky(system)?;
     let solution = solve(&factor, right);
     let explained: f64 = solution.iter().zip(&right).map(|(s, r)| s * r).sum();
-    let freedom = (offsets.len() - UNKNOWNS) as f64;
+    let freedom = (count - UNKNOWNS) as f64;
     // Rounding leaves a negative residual where the fit is perfect.
     let variance = ((zz - explained) / freedom).max(0.0);
     let variance_of = |i: usize| {
@@ -208,6 +244,7 @@ fn jet(offsets: &[DVec3], scale: f64, normal: DVec3) -> Option<(Fit, f64)> {
     let (bx, by) = (solution[1], solution[2]);
     let fit = Fit {
         normal: (normal - u * bx - v * by).normalize(),
+        scale,
         residual: variance.sqrt() * scale,
         error: (variance * variance_of(1).max(variance_of(2))).sqrt(),
     };

@@ -101,8 +101,8 @@ fn list_or_none(names: &[&str]) -> String {
     const MOST_NAMES: usize = 20;
     match names {
         [] => "none".to_owned(),
-        [shown @ ..] if shown.len() <= MOST_NAMES => shown.join(", "),
-        [shown @ ..] => format!("{} and {} more", shown[..MOST_NAMES].join(", "), shown.len() - MOST_NAMES),
+        shown if shown.len() <= MOST_NAMES => shown.join(", "),
+        shown => format!("{} and {} more", shown[..MOST_NAMES].join(", "), shown.len() - MOST_NAMES),
     }
 }
 
