@@ -61,7 +61,6 @@ pub struct Common {
 
 /// The commands.
 #[derive(Debug, Subcommand)]
-#[expect(clippy::large_enum_variant, reason = "there is one, and it lives as long as the program")]
 pub enum Command {
     /// Draw a scene into a PNG or EXR picture
     Render(RenderArgs),

@@ -115,13 +115,14 @@ pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, wants_layers: bool) -> 
 
 fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &LoadedScene, report: &mut Report) {
     let pipeline = &args.pipeline;
+    let splat = pipeline.splat_settings();
     let layers = if frame.limit == LayerLimit::All { "all" } else { "nearest" };
     let settings = [
         ("pipeline", json!(format!("{:?}", pipeline.pipeline).to_lowercase())),
-        ("clip", json!(pipeline.clip.name())),
-        ("inside", json!(pipeline.inside.name())),
-        ("unknown", json!(pipeline.unknown.name())),
-        ("partners", json!(pipeline.partners.name())),
+        ("clip", json!(splat.clip.name())),
+        ("inside", json!(splat.inside.name())),
+        ("unknown", json!(splat.unknown.name())),
+        ("partners", json!(splat.partners.name())),
         ("max_error_px", json!(pipeline.max_error)),
         ("spacing", json!(pipeline.spacing)),
         ("samples", json!(frame.samples)),

@@ -311,7 +311,7 @@ mod tests {
         let (width, height) = (150, 70);
         let at = |x: u32, y: u32| {
             let colour = [x as f32 / 256.0, y as f32 / 256.0, 0.0];
-            if (x + y) % 3 == 0 { Vec::new() } else { vec![boundary(1.0, colour, 1.0, 1)] }
+            if (x + y).is_multiple_of(3) { Vec::new() } else { vec![boundary(1.0, colour, 1.0, 1)] }
         };
         let source = Painted { camera: camera(width, height), samples: 1, at };
         // Light from everywhere alone: a surface seen head on shows its colour times the hemisphere's middle.
