@@ -1,9 +1,9 @@
 //! Surfels from a point cloud: the points stay as they are; what is missing about them is estimated.
 //!
 //! *Practice.* Points go to world space, get Z-curve order (so that neighbours are near in memory) and lose their duplicates
-//! ([`super::place`]). Where normals are missing, one pass over all points' neighbours fits them ([`super::normals`]) and keeps
-//! a neighbour graph for their signs ([`super::orient`]). A second pass, the only one where the file has normals, finds radius
-//! ([`super::radius`]) and curvature ([`super::curvature`]) among the neighbours on the same sheet. Results do not depend on the
+//! (`place.rs`). Where normals are missing, one pass over all points' neighbours fits them (`normals.rs`) and keeps
+//! a neighbour graph for their signs (`orient.rs`). A second pass, the only one where the file has normals, finds radius
+//! (`radius.rs`) and curvature (`curvature.rs`) among the neighbours on the same sheet. Results do not depend on the
 //! number of threads. Peak memory is about 150 bytes a point, normals or not: each stage drops what the next does not read.
 
 use glam::{DAffine3, DMat3, Vec3};
@@ -53,7 +53,7 @@ pub struct CloudNotes {
 
 /// Surfels from `cloud` (leaf space), in world space. The cloud is taken by value so that it can be freed on the way.
 ///
-/// Radii and ellipses of the file win over the rule of [`super::radius`]; normals of the file win unless `options` say
+/// Radii and ellipses of the file win over the rule of `radius.rs`; normals of the file win unless `options` say
 /// otherwise, and are never turned over. A cloud of fewer than seven distinct points without radii gives each point half of
 /// the cloud's extent.
 ///

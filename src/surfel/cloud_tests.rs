@@ -11,6 +11,9 @@ use crate::geometry::{Ellipse, PointCloud};
 const CENTRE_LINE: f64 = 1.0;
 const TUBE: f64 = 0.4;
 
+/// Places and their normals.
+type Points = Vec<(DVec3, DVec3)>;
+
 fn with_normals(points: &[(DVec3, DVec3)]) -> PointCloud {
     PointCloud {
         positions: points.iter().map(|p| p.0).collect(),
@@ -76,7 +79,21 @@ fn no_holes_in_regular_poisson_and_irregular_samplings() {
     // Density falls by 30 from one side to the other.
     let uneven: Vec<_> =
         many_on_torus.iter().filter(|(p, _)| random.unit() < (1.2 * p.x - 1.7).exp()).copied().collect();
-    let cases: [(&str, Vec<(DVec3, DVec3)>, &[(DVec3, DVec3)]); 9] = [
+    let half = DVec3::new(1.0, 0.7, 0.5);
+    let box_truth = box_points(half, 40_000, &mut random);
+    // 25 × 25 cell centres a face: none on an edge.
+    let box_grid: Points = (0..6 * 625)
+        .map(|i| {
+            let (face, a, b) = (i / 625, f64::from(i % 25) / 12.5 - 0.96, f64::from(i % 625 / 25) / 12.5 - 0.96);
+            let n = [DVec3::X, DVec3::Y, DVec3::Z][face as usize / 2] * f64::from(face % 2 * 2 - 1);
+            let (u, v) =
+                ([DVec3::Y, DVec3::Z, DVec3::X][face as usize / 2], [DVec3::Z, DVec3::X, DVec3::Y][face as usize / 2]);
+            ((n + u * a + v * b) * half, n)
+        })
+        .collect();
+    let cases: [(&str, Points, &Points); 11] = [
+        ("box, grid", box_grid, &box_truth),
+        ("box, blue noise", thin(&box_points(half, 100_000, &mut random), 0.04), &box_truth),
         ("sphere, spiral", sphere_points(5000), &sphere_truth),
         ("sphere, few", sphere_points(374), &sphere_truth),
         ("sphere, blue noise", thin(&many_on_sphere, 0.04), &sphere_truth),

@@ -6,31 +6,29 @@
 //! the middle of a patch is sharp as far as it goes. A fan's normal weights its triangles by their angle at the vertex
 //! (Thürmer & Wüthrich 1998), which does not depend on how the faces are cut into triangles, as weights by area do.
 //!
-//! Candidates are the triangles' corners and, where triangles are larger than the spacing, the points at which they are halved
-//! along their longest edges until all pieces are small; so borders and slivers get what they need and no more. Those of
-//! each patch are thinned to the spacing. Normals are interpolated between the fans', so that curvature fits are smooth.
+//! Candidates are the triangles' corners and, where triangles are larger than the spacing, rows of points along their longest
+//! edges; so borders and slivers get what they need and no more. Those of each patch are thinned to the spacing. Normals are interpolated between the fans', so that curvature fits are smooth.
 
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::assemble::median;
 use super::place::normal_map;
-use super::sampled::{Sample, Sampling, Thinner, check_count, from_samples, largest_stretch};
+use super::sampled::{KEPT, Sample, Sampling, Thinner, check_count, from_samples, largest_stretch};
 use super::{SurfelCloud, SurfelError};
 use crate::geometry::TriMesh;
 
 /// Dihedral angle (between the triangles' normals, degrees) above which an edge is a crease.
 pub const CREASE_DEGREES: f64 = 30.0;
 
-/// Longest edge of the pieces between candidates, in spacings.
-const STEP: f64 = 0.4;
+/// Distance of candidates along a row, and of rows, in spacings.
+const COLUMN_STEP: f64 = 0.5;
+const ROW_STEP: f64 = 0.35;
 
-/// Least distance of the samples that are kept, in spacings. A greedy thinning leaves a mean distance about 1.3 times its
-/// least.
-const KEPT: f64 = 0.75;
-
-/// Every point of a triangle has a corner within its longest edge over √3 (equilateral; of an obtuse one, over 2).
-const PIECE_COVER: f64 = 0.577_350_27;
+/// Every point of a triangle has a candidate within so many spacings, √(ROW_STEP² + (COLUMN_STEP/2)²). The angles at the longest
+/// edge are acute, so the row below a point extends beneath it. (A triangle with no edge longer than COLUMN_STEP
+/// has a corner within COLUMN_STEP/√3, which is less.)
+const CANDIDATE_COVER: f64 = 0.431;
 
 /// Surfels over `mesh` (leaf space), in world space, about `spacing` world units apart.
 ///
@@ -53,7 +51,7 @@ pub fn from_mesh(mesh: &TriMesh, world_from_leaf: DAffine3, spacing: f64) -> Res
     check_count(faces.area + faces.length * spacing, spacing)?;
     let smooth = Smooth::new(&faces, &positions);
     let samples = sample(mesh, &positions, &faces, &smooth, spacing);
-    let cover = (KEPT + STEP * PIECE_COVER) * spacing;
+    let cover = (KEPT + CANDIDATE_COVER) * spacing;
     from_samples(samples, Sampling { spacing, cover }, mesh.colours.is_some())
 }
 
@@ -172,63 +170,71 @@ impl Sets {
     }
 }
 
-/// A point of a triangle by its barycentric coordinates, and where it is.
-#[derive(Clone, Copy)]
-struct At {
-    weights: [f64; 3],
-    p: DVec3,
+fn sample(mesh: &TriMesh, positions: &[DVec3], faces: &Faces, smooth: &Smooth, spacing: f64) -> Vec<Sample> {
+    let origin = median(positions);
+    let patches: Vec<&[u32]> =
+        smooth.order.chunk_by(|s, t| smooth.patch[*s as usize] == smooth.patch[*t as usize]).collect();
+    let of_patches: Vec<Vec<Sample>> = patches
+        .into_par_iter()
+        .map_init(
+            || Thinner::new(origin, KEPT * spacing),
+            |thinner, triangles| {
+                let mut samples = Vec::new();
+                for &t in triangles {
+                    let t = t as usize;
+                    let corners = faces.corners[t];
+                    let normals = [0, 1, 2].map(|i| smooth.normal[smooth.fan[3 * t + i] as usize]);
+                    // A fan's corners are one candidate, offered by the first of them.
+                    let first = [0, 1, 2].map(|i| smooth.fan[3 * t + i] as usize == 3 * t + i);
+                    candidates(corners.map(|v| positions[v as usize]), first, spacing, |weights, p| {
+                        let [a, b, c] = weights.map(|w| w as f32);
+                        let sum = normals[0] * a + normals[1] * b + normals[2] * c;
+                        let normal = sum.normalize_or(faces.normals[t].as_vec3());
+                        if thinner.keep(smooth.patch[t], p, normal) {
+                            let colour = colour(mesh, corners, weights);
+                            samples.push(Sample { p, normal, patch: smooth.patch[t], colour });
+                        }
+                    });
+                }
+                samples
+            },
+        )
+        .collect();
+    of_patches.concat()
 }
 
-fn sample(mesh: &TriMesh, positions: &[DVec3], faces: &Faces, smooth: &Smooth, spacing: f64) -> Vec<Sample> {
-    let mut thinner = Thinner::new(median(positions), KEPT * spacing);
-    let mut samples = Vec::new();
-    let mut seen = vec![false; smooth.fan.len()];
-    let mut pieces: Vec<[At; 3]> = Vec::new();
-    let mut patch = None;
-    for &t in &smooth.order {
-        let t = t as usize;
-        if patch.replace(smooth.patch[t]) != Some(smooth.patch[t]) {
-            thinner.clear();
-        }
-        let corners = faces.corners[t];
-        let fan_normals = [0, 1, 2].map(|i| smooth.normal[smooth.fan[3 * t + i] as usize]);
-        let mut offer = |at: &At| {
-            let [a, b, c] = at.weights.map(|w| w as f32);
-            let sum = fan_normals[0] * a + fan_normals[1] * b + fan_normals[2] * c;
-            let normal = sum.normalize_or(faces.normals[t].as_vec3());
-            if thinner.keep(at.p, normal) {
-                let colour = colour(mesh, corners, at.weights);
-                samples.push(Sample { p: at.p, normal, patch: smooth.patch[t], colour });
-            }
-        };
-        let whole = [0, 1, 2].map(|i| {
-            let mut weights = [0.0; 3];
-            weights[i] = 1.0;
-            At { weights, p: positions[corners[i] as usize] }
-        });
-        for (i, at) in whole.iter().enumerate() {
-            // A fan's corners are one candidate.
-            if !std::mem::replace(&mut seen[smooth.fan[3 * t + i] as usize], true) {
-                offer(at);
-            }
-        }
-        pieces.clear();
-        pieces.push(whole);
-        while let Some(piece) = pieces.pop() {
-            let edge = |i: usize| piece[i].p.distance_squared(piece[(i + 1) % 3].p);
-            let longest = if edge(0) >= edge(1) && edge(0) >= edge(2) { 0 } else { 1 + usize::from(edge(2) > edge(1)) };
-            if !(edge(longest) > (STEP * spacing) * (STEP * spacing)) {
+/// Offers points of a triangle, as barycentric weights and place, so that every point of it has one within [`CANDIDATE_COVER`]
+/// spacings: those corners that are `first` of their fan, and rows along the longest edge where the triangle is not small.
+fn candidates(corners: [DVec3; 3], first: [bool; 3], spacing: f64, mut offer: impl FnMut([f64; 3], DVec3)) {
+    let unit = |i: usize| std::array::from_fn(|j| f64::from(u8::from(i == j)));
+    for i in (0..3).filter(|i| first[*i]) {
+        offer(unit(i), corners[i]);
+    }
+    let lengths = [0, 1, 2].map(|i| corners[i].distance(corners[(i + 1) % 3]));
+    let base =
+        if lengths[0] >= lengths[1] && lengths[0] >= lengths[2] { 0 } else { 1 + usize::from(lengths[2] > lengths[1]) };
+    let (from, to, apex) = (base, (base + 1) % 3, (base + 2) % 3);
+    if lengths[base] <= COLUMN_STEP * spacing {
+        return;
+    }
+    let double_area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+    let rows = (double_area / lengths[base] / (ROW_STEP * spacing)).ceil().max(1.0) as u64;
+    for row in 0..rows {
+        let up = row as f64 / rows as f64;
+        let columns = (lengths[base] * (1.0 - up) / (COLUMN_STEP * spacing)).ceil().max(1.0) as u64;
+        for column in 0..=columns {
+            // The ends of the first row are corners.
+            if row == 0 && (column == 0 || column == columns) {
                 continue;
             }
-            let (a, b, c) = (piece[longest], piece[(longest + 1) % 3], piece[(longest + 2) % 3]);
-            let weights = [0, 1, 2].map(|i| 0.5 * (a.weights[i] + b.weights[i]));
-            let middle = At { weights, p: a.p.midpoint(b.p) };
-            offer(&middle);
-            pieces.push([a, middle, c]);
-            pieces.push([middle, b, c]);
+            let along = column as f64 / columns as f64;
+            let mut weights = [0.0; 3];
+            weights[from] = (1.0 - up) * (1.0 - along);
+            weights[to] = (1.0 - up) * along;
+            weights[apex] = up;
+            offer(weights, corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]);
         }
     }
-    samples
 }
 
 fn colour(mesh: &TriMesh, corners: [u32; 3], weights: [f64; 3]) -> [u8; 4] {

@@ -3,6 +3,12 @@
 //! A leaf's surfels lie in Morton order, in chunks of [`CHUNK`] whose `f64` origins carry the large coordinates; a surfel
 //! keeps an `f32` offset from its chunk's origin, so that a scan 10⁷ units from the world's origin loses nothing. The
 //! chunks' bounding balls are the leaves of the hierarchy that classification descends and that the frame culls.
+//!
+//! ```text
+//! PointCloud ─► place ─► normals ─► orient ─┐                 (the last two where normals are missing)
+//! Solid ─► solid ─┐                         ├─► around (radius, curvature) ─► assemble ─► SurfelCloud
+//! TriMesh ─► mesh ┴─► sampled ──────────────┘
+//! ```
 
 mod around;
 mod assemble;

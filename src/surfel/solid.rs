@@ -7,16 +7,13 @@
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::place::{even_scale, normal_map};
-use super::sampled::{Sample, Sampling, Thinner, check_count, from_samples, largest_stretch};
+use super::sampled::{KEPT, Sample, Sampling, Thinner, check_count, from_samples, largest_stretch};
 use super::{SurfelCloud, SurfelError};
 use crate::geometry::Solid;
 use crate::geometry::solid::{COVER, SurfacePoint};
 
 /// Spacing of the candidates of a thinned sampling, in spacings.
 const CANDIDATES: f64 = 0.4;
-
-/// Least distance of the kept ones, in spacings. A greedy thinning leaves a mean distance about 1.3 times its least.
-const KEPT: f64 = 0.75;
 
 /// Surfels over `solid` (leaf space, valid), in world space, about `spacing` world units apart. They have the solid's exact
 /// normals; no disk's curvature was fitted across a crease; balls of the surfels' radii about them hold the whole surface
@@ -34,11 +31,10 @@ pub fn from_solid(solid: &Solid, world_from_leaf: DAffine3, spacing: f64) -> Res
     let mut samples = Vec::new();
     let mut thinner = Thinner::new(world_from_leaf.translation, KEPT * spacing);
     for (index, patch) in patches.iter().enumerate() {
-        thinner.clear();
         patch.sample(in_leaf, &mut |SurfacePoint { p, normal }| {
             let p: DVec3 = world_from_leaf.transform_point3(p);
             let normal: Vec3 = (normal_map * normal).normalize_or_zero().as_vec3();
-            if normal != Vec3::ZERO && (!thinned || thinner.keep(p, normal)) {
+            if normal != Vec3::ZERO && (!thinned || thinner.keep(index as u32, p, normal)) {
                 samples.push(Sample { p, normal, patch: index as u32, colour: [u8::MAX; 4] });
             }
         });
