@@ -17,7 +17,7 @@ use super::clip_buffer;
 use super::ewa::{self, Splat};
 use super::fragment::{self, FragmentScratch};
 use super::project::{LeafLook, View, ViewSurfel};
-use super::rows::LANES;
+use super::rows::{LANES, Span};
 use super::settings::{Clip, Partners, SplatSettings};
 use super::surface::{self, Hit, Run, Scratch, SideCache, Tile};
 use crate::classify::partners::{Among, PartnerLists};
@@ -180,8 +180,17 @@ impl<'a> Frame<'a> {
             surfels.append(&mut leaving);
             leaves.push((LeafId(leaf as u32), first..surfels.len()));
         }
-        let tile =
-            Tile { model: self.model, view: &self.view, rect, anchor, surfels, limit: self.limit, clipper: None };
+        let spans = surfels.iter().map(Span::of).collect();
+        let tile = Tile {
+            model: self.model,
+            view: &self.view,
+            rect,
+            anchor,
+            spans,
+            surfels,
+            limit: self.limit,
+            clipper: None,
+        };
         (tile, leaves)
     }
 }

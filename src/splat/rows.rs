@@ -80,15 +80,9 @@ impl<S: Simd> Row<S> {
 
     /// Least and greatest of `t` over `lanes`.
     #[inline(always)]
-    fn span(&self, t: f32x8<S>, lanes: mask32x8<S>) -> (f32, f32) {
+    pub fn span(&self, t: f32x8<S>, lanes: mask32x8<S>) -> (f32, f32) {
         let least = lanes.select(t, self.splat(f32::INFINITY)).reduce_min();
         (least, lanes.select(t, self.splat(f32::NEG_INFINITY)).reduce_max())
-    }
-
-    /// Whether the ball of `s` keeps clear of the row between two depths.
-    #[inline(always)]
-    fn misses(&self, s: &ViewSurfel, span: (f32, f32)) -> bool {
-        self.y < s.top || self.y > s.bottom || s.near > span.1 || s.far < span.0
     }
 
     #[inline(always)]
@@ -156,6 +150,35 @@ impl<S: Simd> Slot<S> {
     }
 }
 
+/// The rows and depths that a surfel's support ball spans, tile-relative: a quarter of a cache line, since most surfels of a
+/// block are looked at only to be passed over.
+#[derive(Debug, Clone, Copy)]
+pub struct Span {
+    top: f32,
+    bottom: f32,
+    near: f32,
+    far: f32,
+}
+
+impl Span {
+    /// Of `s`.
+    pub fn of(s: &ViewSurfel) -> Self {
+        Self { top: s.top, bottom: s.bottom, near: s.near, far: s.far }
+    }
+}
+
+/// Appends to `touching` those of `members` whose balls reach row `y` between the depths `nearest` and `farthest`.
+#[inline(always)]
+pub fn touching(spans: &[Span], members: &[u32], y: f32, (nearest, farthest): (f32, f32), touching: &mut Vec<u32>) {
+    touching.reserve(members.len());
+    for &member in members {
+        let s = &spans[member as usize];
+        if (s.top <= y) & (s.bottom >= y) & (s.near <= farthest) & (s.far >= nearest) {
+            touching.push(member);
+        }
+    }
+}
+
 /// Adds the surfaces of one leaf that the row's rays meet to `slots`.
 ///
 /// `hidden_from` bounds, per lane, the depth from which on nothing can be seen any more. `generous` detection, for exact
@@ -169,12 +192,8 @@ pub fn detect<S: Simd>(
     hidden_from: f32x8<S>,
     slots: &mut Vec<Slot<S>>,
 ) {
-    let farthest = hidden_from.reduce_max();
     for &member in members {
         let s = &surfels[member as usize];
-        if row.y < s.top || row.y > s.bottom || s.near > farthest {
-            continue;
-        }
         if s.class.drawn().is_none() {
             continue;
         }
@@ -307,7 +326,7 @@ pub fn solve<S: Simd>(
     let span = row.span(start, lanes);
     for &member in members {
         let s = &surfels[member as usize];
-        if row.misses(s, span) {
+        if s.near > span.1 || s.far < span.0 {
             continue;
         }
         let q = row.quadric(s);
@@ -427,12 +446,8 @@ pub fn ask<S: Simd>(
 ) -> (f32x8<S>, mask32x8<S>) {
     let zero = row.splat(0.0);
     let (mut value, mut weight) = (zero, zero);
-    let span = row.span(t, lanes);
     for &member in members {
         let s = &surfels[member as usize];
-        if row.misses(s, span) {
-            continue;
-        }
         let tau = t - s.z;
         let (ex, ey, ez) =
             ((row.x - s.u) * s.scale + row.dir_x * tau, tau * row.dir_y + (row.y - s.v) * s.scale, tau + s.lift);

@@ -22,7 +22,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::clip::{ClipScratch, Clipper};
 use super::project::{View, ViewSurfel};
-use super::rows::{self, LANES, Row, Slot};
+use super::rows::{self, LANES, Row, Slot, Span};
 use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
@@ -65,6 +65,8 @@ pub struct Tile<'a> {
     pub anchor: f64,
     /// All surfels that may touch the tile.
     pub surfels: Vec<ViewSurfel>,
+    /// Their spans.
+    pub spans: Vec<Span>,
     /// How many boundaries to find.
     pub limit: LayerLimit,
     /// Where partners are asked instead of the field.
@@ -86,13 +88,20 @@ pub struct Run<'a> {
 pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
     found: Vec<(u32, f32)>,
+    touching: Vec<u32>,
     reaching: Vec<u32>,
     clip: ClipScratch,
 }
 
 impl<S: Simd> Default for Scratch<S> {
     fn default() -> Self {
-        Self { slots: Vec::new(), found: Vec::new(), reaching: Vec::new(), clip: ClipScratch::default() }
+        Self {
+            slots: Vec::new(),
+            found: Vec::new(),
+            touching: Vec::new(),
+            reaching: Vec::new(),
+            clip: ClipScratch::default(),
+        }
     }
 }
 
@@ -152,13 +161,32 @@ pub fn trace_row<S: Simd>(
         slots.clear();
         // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
         let (entering, leaving) = run.members.split_at(run.entering);
+        let mut touching = std::mem::take(&mut scratch.touching);
+        touching.clear();
         for (front, members) in [(true, entering), (false, leaving)] {
-            rows::detect(&row, &tile.surfels, members, generous, hidden_from, &mut slots);
+            let before = touching.len();
+            let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
+            rows::touching(&tile.spans, members, row.y, depths, &mut touching);
+            rows::detect(&row, &tile.surfels, &touching[before..], generous, hidden_from, &mut slots);
             for slot in slots.iter().filter(|slot| slot.front == front) {
-                resolve(&row, tile, runs, run, slot, nearest_only, &mut hidden_from, at, cache, scratch, hits);
+                resolve(
+                    &row,
+                    tile,
+                    runs,
+                    run,
+                    &touching,
+                    slot,
+                    nearest_only,
+                    &mut hidden_from,
+                    at,
+                    cache,
+                    scratch,
+                    hits,
+                );
             }
         }
         scratch.slots = slots;
+        scratch.touching = touching;
     }
     for lane in hits.iter_mut() {
         finish_lane(lane, nearest_only);
@@ -203,6 +231,7 @@ fn resolve<S: Simd>(
     tile: &Tile<'_>,
     runs: &[Run<'_>],
     run: &Run<'_>,
+    touching: &[u32],
     slot: &Slot<S>,
     nearest_only: bool,
     hidden_from: &mut f32x8<S>,
@@ -246,9 +275,7 @@ fn resolve<S: Simd>(
         t = depth;
     } else {
         let steps = if any_edge { EDGE_STEPS } else { 0 };
-        // A surfel that rays cannot enter through weighs on no surface that they enter.
-        let members = if slot.front { &run.members[..run.entering] } else { run.members };
-        let solution = rows::solve(row, &tile.surfels, members, slot, visible, steps, &mut scratch.reaching);
+        let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching);
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
         lanes = (solution.lanes & ahead).to_bitmask();
@@ -311,7 +338,7 @@ fn resolve<S: Simd>(
                 let mut inside = [0_u64; LANES];
                 let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
                 for (place, near) in residual.near.iter().enumerate() {
-                    let bits = sides(row, tile, runs, *near, &t, mask, at, cache);
+                    let bits = sides(row, tile, runs, *near, &t, mask, at, cache, &mut scratch.reaching);
                     if place < 64 {
                         for (lane, word) in inside.iter_mut().enumerate() {
                             *word |= (bits >> lane & 1) << place;
@@ -374,6 +401,7 @@ fn sides<S: Simd>(
     mask: u64,
     at: At,
     cache: &mut SideCache,
+    touching: &mut Vec<u32>,
 ) -> u64 {
     let field = &tile.model.fields[near.0 as usize];
     let world = |lane: usize| ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
@@ -385,7 +413,9 @@ fn sides<S: Simd>(
     let (mut bits, mut reached) = (0, 0);
     if let Some(run) = runs.iter().find(|r| r.leaf == near) {
         let depth = f32x8::load_array(row.simd, *t);
-        let (value, support) = rows::ask(row, &tile.surfels, run.members, depth, lanes);
+        touching.clear();
+        rows::touching(&tile.spans, run.members, row.y, row.span(depth, lanes), touching);
+        let (value, support) = rows::ask(row, &tile.surfels, touching, depth, lanes);
         reached = support.to_bitmask();
         bits = (support & value.simd_lt(0.0)).to_bitmask();
     }
