@@ -15,8 +15,6 @@
 //! # Practice
 //! Memory is one tile's masks a thread and the pairs found: no list has a longest length.
 
-use glam::DVec2;
-
 use super::ewa::{self, Splat};
 use super::project::ViewSurfel;
 use super::surface::Tile;
@@ -67,15 +65,13 @@ pub fn pairs_of_tile(
     for (number, (_, s)) in candidates.iter().enumerate() {
         starts.push(places.len());
         let splat = Splat::of(s, tile.view, corner, tile.anchor);
-        for y in cells(s.top, s.bottom, tile.rect.height()) {
-            let mut mask: Mask = 0;
-            for x in cells(s.left, s.right, tile.rect.width()) {
-                let px = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                if splat.at(s, px.as_vec2(), ewa::direction(tile.view, tile.rect, px)).is_some() {
-                    mask |= 1 << x;
-                }
-            }
-            if mask != 0 {
+        for y in cells(s.top - ewa::REACH_PX, s.bottom + ewa::REACH_PX, tile.rect.height()) {
+            let Some((left, right)) = splat.columns(s, y as f32 + 0.5) else { continue };
+            let columns = cells(left, right, tile.rect.width());
+            if !columns.is_empty() {
+                // The cells from the first one on, less those from the end on.
+                let from = |column: u32| if column < Mask::BITS { Mask::MAX << column } else { 0 };
+                let mask = from(columns.start) & !from(columns.end);
                 let row = &mut rows[y as usize];
                 places.push((y, row.len() as u32));
                 row.push(Covering { candidate: number as u32, cells: mask });
@@ -119,7 +115,7 @@ fn are_close(tile: &Tile<'_>, a: SurfelId, b: SurfelId, reach: f32) -> bool {
 
 /// The cells of a row or column of `count` whose centres may lie in a splat with these bounds.
 fn cells(low: f32, high: f32, count: u32) -> std::ops::Range<u32> {
-    let from = (low - ewa::REACH_PX - 0.5).ceil().max(0.0) as u32;
-    let to = (high + ewa::REACH_PX + 0.5).floor().max(0.0) as u32;
+    let from = (low - 0.5).ceil().max(0.0) as u32;
+    let to = (high + 0.5).floor().max(0.0) as u32;
     from..to.min(count)
 }

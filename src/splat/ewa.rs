@@ -88,6 +88,9 @@ pub struct Splat {
     depth_reach: f32,
     /// 1 / depth of the centre; 0 for parallel rays.
     inverse_depth: f32,
+    /// How far apart in depth neighbouring fragments of one surface may lie: the surfel's own reach, which is in
+    /// proportion to its radius, for the radius that is drawn.
+    pub reach: f32,
 }
 
 /// One surfel at one pixel.
@@ -127,7 +130,28 @@ impl Splat {
         let (outline, _) = ellipse.widened_inverse(REACH_PX * REACH_PX);
         let (filter, determinant) = gaussian.widened_inverse(LOW_PASS_PX * LOW_PASS_PX);
         let peak = (gaussian.determinant().max(0.0) / determinant).sqrt().max(LEAST_PEAK);
-        Self { filter, outline, peak, depth_reach: border.0[5].max(0.0).sqrt(), inverse_depth }
+        let widening = (1.0 + (REACH_PX * s.scale / s.radius).powi(2)).sqrt();
+        let depth_reach = border.0[5].max(0.0).sqrt();
+        Self { filter, outline, peak, depth_reach, inverse_depth, reach: s.reach * widening }
+    }
+
+    /// The columns between which row `y` (both from the tile's corner) may hold fragments; `None` where it holds none.
+    #[inline]
+    pub fn columns(&self, s: &ViewSurfel, y: f32) -> Option<(f32, f32)> {
+        if s.lift != 0.0 {
+            return (s.top <= y && y <= s.bottom).then_some((s.left, s.right));
+        }
+        // Where k is least the drawn ellipse is largest; beyond a pixel's thousandth rounding does not reach.
+        const ROUNDING_PX: f32 = 1e-3;
+        let least_k = 1.0 - self.depth_reach * self.inverse_depth;
+        let [xx, xy, yy] = self.outline.0;
+        let v = y - s.v;
+        let square = xy * xy * v * v - xx * (yy * v * v - 1.0 / (least_k * least_k));
+        if !(square >= 0.0) {
+            return None;
+        }
+        let (middle, half) = (s.u - xy * v / xx, square.sqrt() / xx + ROUNDING_PX);
+        Some((middle - half, middle + half))
     }
 
     /// The surfel at a pixel position (from the tile's corner) whose ray has direction (`dir`, 1) in view axes; `None`

@@ -27,6 +27,10 @@ use crate::csg::residual::Crossing;
 use crate::layers::{Facing, LayerLimit};
 use crate::scene::LeafKind;
 
+/// A surface's fragments at one pixel lie within this many reaches of each other: the centres are at most a drawn radius ρ
+/// from the pixel on either side, so their depths differ by at most 2 ρ tan θ, and a reach is at least ½ ρ tan θ.
+const REACHES_OF_A_SURFACE: f32 = 4.0;
+
 /// A fragment in its pixel's list.
 #[derive(Debug, Clone, Copy)]
 struct Listed {
@@ -101,7 +105,7 @@ pub fn trace_block(
         let at = (corner.0 + pixel as u32 % side, corner.1 + pixel as u32 / side);
         if !fragments.is_empty() {
             fragments.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.surfel.cmp(&b.surfel)));
-            resolve(tile, clipper, fragments, (at.0, at.1, offset), scratch);
+            resolve(tile, clipper, splats, fragments, (at.0, at.1, offset), scratch);
             surface::finish_lane(&mut scratch.hits, tile.limit == LayerLimit::Nearest);
             hits.append(&mut scratch.hits);
         }
@@ -110,16 +114,16 @@ pub fn trace_block(
     scratch.pixels = pixels;
 }
 
-/// The pixel columns (or rows) of a block whose sample may lie between `low` and `high`.
-fn span(low: f32, high: f32, first: u32, end: u32, offset: f64) -> std::ops::Range<u32> {
-    let offset = offset as f32;
+/// The pixel columns (or rows) `first..end` whose sample may lie between `low` and `high`.
+fn span(low: f32, high: f32, first: u32, end: u32, offset: f32) -> std::ops::Range<u32> {
     // Casts saturate: bounds beyond the block become its border, and NaN an empty range.
-    let from = (low - ewa::REACH_PX - offset).ceil().max(0.0) as u32;
-    let to = (high + ewa::REACH_PX - offset + 1.0).floor().max(0.0) as u32;
+    let from = (low - offset).ceil().max(0.0) as u32;
+    let to = (high - offset + 1.0).floor().max(0.0) as u32;
     from.max(first)..to.min(end)
 }
 
-/// Lists the fragments of every drawn surfel at every pixel of the block.
+/// Lists the fragments of every drawn surfel at every pixel of the block; where only the nearest opaque surface is wanted,
+/// not those that a whole surface fragment is certain to hide.
 fn rasterise(
     tile: &Tile<'_>,
     splats: &[Splat],
@@ -131,35 +135,54 @@ fn rasterise(
 ) {
     let end = ((corner.0 + side).min(tile.rect.width()), (corner.1 + side).min(tile.rect.height()));
     let eye = -tile.anchor as f32;
-    let position = |x: u32, y: u32| DVec2::new(f64::from(x), f64::from(y)) + offset;
+    let nearest_only = tile.limit == LayerLimit::Nearest;
+    let offset32 = offset.as_vec2();
     let directions: Vec<Vec2> = (0..side * side)
-        .map(|p| ewa::direction(tile.view, tile.rect, position(corner.0 + p % side, corner.1 + p / side)))
+        .map(|p| {
+            let px = DVec2::new(f64::from(corner.0 + p % side), f64::from(corner.1 + p / side)) + offset;
+            ewa::direction(tile.view, tile.rect, px)
+        })
         .collect();
+    // From which depth on each pixel is hidden, and the block.
+    let mut hidden_from = vec![f32::INFINITY; directions.len()];
+    let inside = |p: &usize| corner.0 + *p as u32 % side < end.0 && corner.1 + *p as u32 / side < end.1;
+    let mut farthest = f32::INFINITY;
     for run in runs {
         for &member in run.members {
             let s = &tile.surfels[member as usize];
-            if s.class.drawn().is_none() {
+            if s.class.drawn().is_none() || s.near > farthest {
                 continue;
             }
             let splat = &splats[member as usize];
             let n = Vec3::from(s.normal);
-            for y in span(s.top, s.bottom, corner.1, end.1, offset.y) {
-                for x in span(s.left, s.right, corner.0, end.0, offset.x) {
+            let hides = nearest_only && !s.class.is_edge() && s.opacity >= 1.0;
+            let mut hid_more = false;
+            for y in span(s.top - ewa::REACH_PX, s.bottom + ewa::REACH_PX, corner.1, end.1, offset32.y) {
+                let Some((left, right)) = splat.columns(s, y as f32 + offset32.y) else { continue };
+                for x in span(left, right, corner.0, end.0, offset32.x) {
                     let pixel = ((y - corner.1) * side + (x - corner.0)) as usize;
                     let direction = directions[pixel];
-                    let Some(f) = splat.at(s, position(x, y).as_vec2(), direction) else { continue };
-                    if f.t > eye {
-                        let front = n.dot(Vec3::new(direction.x, direction.y, 1.0)) < 0.0;
-                        pixels[pixel].push(Listed {
-                            t: f.t,
-                            weight: f.weight,
-                            e: f.e,
-                            surfel: member,
-                            leaf: run.leaf,
-                            front,
-                        });
+                    let Some(f) = splat.at(s, Vec2::new(x as f32, y as f32) + offset32, direction) else { continue };
+                    if !(f.t > eye && f.t <= hidden_from[pixel]) {
+                        continue;
+                    }
+                    let front = n.dot(direction.extend(1.0)) < 0.0;
+                    pixels[pixel].push(Listed {
+                        t: f.t,
+                        weight: f.weight,
+                        e: f.e,
+                        surfel: member,
+                        leaf: run.leaf,
+                        front,
+                    });
+                    if hides {
+                        hidden_from[pixel] = hidden_from[pixel].min(f.t + REACHES_OF_A_SURFACE * splat.reach);
+                        hid_more = true;
                     }
                 }
+            }
+            if hid_more {
+                farthest = (0..hidden_from.len()).filter(inside).map(|p| hidden_from[p]).fold(0.0, f32::max);
             }
         }
     }
@@ -169,6 +192,7 @@ fn rasterise(
 fn resolve(
     tile: &Tile<'_>,
     clipper: &Clipper<'_>,
+    splats: &[Splat],
     fragments: &[Listed],
     at: (u32, u32, DVec2),
     scratch: &mut FragmentScratch,
@@ -187,6 +211,7 @@ fn resolve(
             Some(Drawn::Edge(_)) => clipper.crossing(tile.view, f.leaf, f.surfel as usize, s, f.e, &mut scratch.clip),
         };
         let Some(crossing) = crossing else { continue };
+        let reach = splats[f.surfel as usize].reach;
         // The latest such surface is the farthest: earlier ones were left behind.
         let joined = surfaces
             .iter_mut()
@@ -194,7 +219,7 @@ fn resolve(
             .find(|g| (g.leaf, g.front, g.crossing) == (f.leaf, f.front, crossing) && f.t <= g.open_to);
         let group = match joined {
             Some(group) => {
-                group.open_to = group.open_to.max(f.t + 0.5 * s.reach);
+                group.open_to = group.open_to.max(f.t + 0.5 * reach);
                 group
             }
             None => {
@@ -202,7 +227,7 @@ fn resolve(
                     leaf: f.leaf,
                     front: f.front,
                     crossing,
-                    open_to: f.t + s.reach,
+                    open_to: f.t + reach,
                     weight: 0.0,
                     depth: 0.0,
                     normal: Vec3::ZERO,
