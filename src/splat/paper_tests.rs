@@ -9,7 +9,7 @@ use crate::classify::partners::{Among, PartnerLists, SurfelId, admits};
 use crate::classify::{Class, LeafField, Model, Wicke};
 use crate::csg::LeafId;
 use crate::geometry::Solid;
-use crate::geometry::exact::{Exact, ExactSolid};
+use crate::geometry::exact::Exact;
 use crate::layers::{Facing, LayerLimit, LayerStack};
 use crate::scene::LeafKind;
 use crate::space::Camera;
@@ -381,12 +381,12 @@ fn exact_leaves_are_asked_themselves_far_from_the_origin() {
         ];
         let text = "a - b - c";
         let Shape::Sphere(centre, radius) = leaves[1].0 else { unreachable!() };
-        let solid = || ExactSolid::new(Solid::Sphere { centre, radius }, DAffine3::IDENTITY);
+        let solid = || Exact::solid(Solid::Sphere { centre, radius }, DAffine3::IDENTITY);
         let fields = leaves
             .iter()
             .enumerate()
             .map(|(i, (shape, n))| {
-                let exact = (i == 1).then(|| Exact::Solid(solid()));
+                let exact = (i == 1).then(solid);
                 LeafField::new(shape.surfels(*n, 0.0, COVER), exact, LeafKind::Solid)
             })
             .collect();
