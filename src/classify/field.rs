@@ -190,7 +190,10 @@ impl Inside {
             })
             .collect();
         levels.sort_by(f64::total_cmp);
-        let level = levels[levels.len() / 2];
-        (level > 0.0).then_some(Self { winding, threshold: 0.5 * level })
+        let (level, low) = (levels[levels.len() / 2], levels[levels.len() / 4]);
+        // A leaf of a few dozen surfels is thinner than the probes are deep, and they come out on its other side.
+        const LEAST_LEVEL: f64 = 0.2; // radii half as large as estimated ones would give a quarter
+        const AGREED_SHARE: f64 = 0.5;
+        (level > LEAST_LEVEL && low > AGREED_SHARE * level).then_some(Self { winding, threshold: 0.5 * level })
     }
 }

@@ -13,9 +13,12 @@
 
 use glam::{DMat3, DVec3, Mat3};
 
-use crate::classify::Class;
+use crate::classify::{Class, Drawn};
 use crate::space::{Camera, PixelRect, Projection};
 use crate::surfel::{SurfelCloud, Sym3};
+
+/// Surface surfels of a smaller radius on the screen are [plain](ViewSurfel::plain).
+const PLAIN_RADIUS_PX: f64 = 4.0;
 
 /// Rays with t below this many radii in front of the eye are not hit.
 const NEAREST_REFERENCE_IN_RADII: f64 = 0.5;
@@ -75,6 +78,9 @@ pub struct ViewSurfel {
     pub index: u32,
     /// What it is drawn as.
     pub class: Class,
+    /// Whether it is a surface surfel so small on the screen that the mean of such surfels' hits is as good as the solution of
+    /// their field: it is not clipped, and what they differ by is of third order in a radius of a few pixels.
+    pub plain: bool,
     /// Whether a ray can enter the leaf here.
     pub may_enter: bool,
     /// Whether a ray can leave the leaf here.
@@ -232,6 +238,8 @@ impl View {
             opacity: leaf.opacity * f32::from(surfel.colour[3]) / 255.0,
             index: index as u32,
             class: leaf.class,
+            plain: matches!(leaf.class.drawn(), Some(Drawn::Surface(_)))
+                && radius < PLAIN_RADIUS_PX * self.camera.footprint(reference),
             may_enter: cosine < swing,
             may_leave: cosine > -swing,
         })

@@ -140,6 +140,11 @@ pub struct Slot<S: Simd> {
     pub best: u32x8<S>,
     /// Radius of that surfel.
     pub best_radius: f32x8<S>,
+    /// Whether only [plain](ViewSurfel::plain) surfels are in it; then the sums below are theirs.
+    pub plain: bool,
+    normal: [f32x8<S>; 3],
+    colour: [f32x8<S>; 3],
+    opacity: f32x8<S>,
 }
 
 impl<S: Simd> Slot<S> {
@@ -170,13 +175,15 @@ impl Span {
 /// Appends to `touching` those of `members` whose balls reach row `y` between the depths `nearest` and `farthest`.
 #[inline(always)]
 pub fn touching(spans: &[Span], members: &[u32], y: f32, (nearest, farthest): (f32, f32), touching: &mut Vec<u32>) {
-    touching.reserve(members.len());
+    // Without branches: which surfels reach a row is as good as random, and a wrong guess costs more than a store.
+    let mut end = touching.len();
+    touching.resize(end + members.len(), 0);
     for &member in members {
         let s = &spans[member as usize];
-        if (s.top <= y) & (s.bottom >= y) & (s.near <= farthest) & (s.far >= nearest) {
-            touching.push(member);
-        }
+        touching[end] = member;
+        end += usize::from((s.top <= y) & (s.bottom >= y) & (s.near <= farthest) & (s.far >= nearest));
     }
+    touching.truncate(end);
 }
 
 /// Adds the surfaces of one leaf that the row's rays meet to `slots`.
@@ -257,6 +264,14 @@ fn join<S: Simd>(
             continue;
         }
         let w = takes.select(w, zero);
+        slot.plain &= s.plain;
+        if slot.plain {
+            for k in 0..3 {
+                slot.normal[k] = slot.normal[k] + w * s.normal[k];
+                slot.colour[k] = slot.colour[k] + w * s.colour[k];
+            }
+            slot.opacity = slot.opacity + w * s.opacity;
+        }
         slot.lower = takes.select(fresh.select(t - reach, slot.lower.min(t - reach)), slot.lower);
         slot.upper = takes.select(fresh.select(t + reach, slot.upper.max(t + reach)), slot.upper);
         slot.weight = slot.weight + w;
@@ -284,7 +299,26 @@ fn join<S: Simd>(
         best_depth: t,
         best: u32x8::splat(row.simd, member),
         best_radius: row.splat(s.radius),
+        plain: s.plain,
+        normal: s.normal.map(|n| w * n),
+        colour: s.colour.map(|c| w * c),
+        opacity: w * s.opacity,
     });
+}
+
+/// The surface of a slot of plain surfels: the weighted means of its candidates.
+#[inline(always)]
+pub fn mean<S: Simd>(row: &Row<S>, slot: &Slot<S>, wanted: mask32x8<S>) -> Solution<S> {
+    let share = row.splat(1.0) / slot.weight;
+    let lanes = wanted & slot.lanes & slot.weight.simd_gt(LEAST_WEIGHT);
+    Solution {
+        lanes,
+        weightless: mask32x8::splat(row.simd, false),
+        t: slot.weighted_depth * share,
+        normal: slot.normal,
+        colour: slot.colour.map(|c| c * share),
+        opacity: slot.opacity * share,
+    }
 }
 
 /// Where and how a row's rays meet one surface.

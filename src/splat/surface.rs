@@ -275,7 +275,11 @@ fn resolve<S: Simd>(
         t = depth;
     } else {
         let steps = if any_edge { EDGE_STEPS } else { 0 };
-        let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching);
+        let solution = if slot.plain {
+            rows::mean(row, slot, visible)
+        } else {
+            rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching)
+        };
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
         lanes = (solution.lanes & ahead).to_bitmask();
