@@ -176,6 +176,7 @@ impl Chart {
     fn plots(&self) -> (Vec<Plot>, Layout) {
         let mut plots: Vec<Plot> = Vec::new();
         let (mut x_lifted, mut y_lifted) = (false, false);
+        let (mut places, mut labels) = (Vec::new(), Vec::new());
         for (index, series) in self.series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
             let marker = MARKERS[index / COLOURS.len() % MARKERS.len()];
@@ -187,22 +188,19 @@ impl Chart {
                 x_lifted |= x_low;
                 y_lifted |= y_low;
                 path.push((x, y));
-                if x_low || y_low { &mut lifted } else { &mut plain }.push(((x, y), point.label.as_str()));
+                labels.push(plain_text(&point.label));
+                if x_low || y_low { &mut lifted } else { &mut plain }.push((x, y));
             }
+            places.extend_from_slice(&path);
             if self.joined && path.len() > 1 {
                 plots.push(LinePlot::new().with_data(path).with_color(colour).into());
             }
-            let scatter = |points: &[((f64, f64), &str)], marker| {
-                let plot = ScatterPlot::new()
-                    .with_data(points.iter().map(|point| point.0))
+            let scatter = |points: &[(f64, f64)], marker| {
+                ScatterPlot::new()
+                    .with_data(points.iter().copied())
                     .with_color(colour)
                     .with_size(MARKER_SIZE)
-                    .with_marker(marker);
-                if self.labelled {
-                    plot.with_labels(points.iter().map(|point| plain_text(point.1))).with_repel_labels()
-                } else {
-                    plot
-                }
+                    .with_marker(marker)
             };
             // The legend's entry comes from whichever marker the series has.
             let mut name = Some(plain_text(&series.name));
@@ -213,20 +211,33 @@ impl Chart {
                 }
             }
         }
+        if self.labelled {
+            // Labels of all series keep off each other only if they belong to one plot, whose own markers nobody sees.
+            let carrier = ScatterPlot::new().with_data(places.iter().copied()).with_size(MARKER_SIZE);
+            plots.push(carrier.with_marker_opacity(0.0).with_labels(labels).with_repel_labels().into());
+        }
         let mut layout = Layout::auto_from_plots(&plots)
             .with_title(plain_text(&self.title))
             .with_x_label(plain_text(&self.x.label))
             .with_y_label(plain_text(&self.y.label))
             .with_width(SIZE.0)
             .with_height(SIZE.1);
+        // On a log axis, room for the markers at the ends.
+        const ROOM: f64 = 1.6;
+        let range = |value: fn(&(f64, f64)) -> f64| {
+            let values = || places.iter().map(value);
+            (values().fold(f64::INFINITY, f64::min) / ROOM, values().fold(0.0, f64::max) * ROOM)
+        };
         if let Scale::Log { floor } = self.x.scale {
-            layout = layout.with_log_x();
+            let (least, most) = range(|place| place.0);
+            layout = layout.with_log_x().with_x_axis_min(least).with_x_axis_max(most);
             if x_lifted {
                 layout = layout.with_reference_line(floor_line(ReferenceLine::vertical(floor), floor));
             }
         }
         if let Scale::Log { floor } = self.y.scale {
-            layout = layout.with_log_y();
+            let (least, most) = range(|place| place.1);
+            layout = layout.with_log_y().with_y_axis_min(least).with_y_axis_max(most);
             if y_lifted {
                 layout = layout.with_reference_line(floor_line(ReferenceLine::horizontal(floor), floor));
             }

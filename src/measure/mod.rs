@@ -5,16 +5,25 @@
 //! * [`simulate`] samples analytic solids as a scanner or a modeller would; [`scanner`] casts a scanner's rays, so that
 //!   occlusion is real. All randomness comes from [`rng`].
 //! * [`scenes`] holds the accuracy suite, [`sweeps`] what is pushed until methods break; both are data that become
-//!   ordinary scenes, in memory or on disk. [`suite`] runs them through any pipeline and writes tables.
+//!   ordinary scenes, in memory or on disk ([`scene_files`]). [`suite`] runs them through any pipeline and writes tables;
+//!   [`open`] gives it the reference renderer as truth.
 //! * [`chart`] draws accuracy against time, and growth.
 
 pub mod chart;
 pub mod compare;
 pub mod difference;
 pub mod distance;
+pub mod open;
 pub mod outline;
 pub mod quality;
 pub mod rng;
+pub mod scanner;
+pub mod scene_files;
+pub mod scenes;
+pub mod simulate;
+pub mod suite;
+pub mod sweeps;
 
 pub use compare::{CompareError, Comparison, compare};
 pub use outline::find_cut_edge;
+pub use simulate::{ScanOptions, scan};

@@ -1,0 +1,101 @@
+//! Runs the accuracy suite, the scenes about unknown leaves and the stability sweeps through the surfel pipeline, judged by
+//! the reference renderer, and prints the tables of `docs/measurements.md`.
+//!
+//! ```text
+//! cargo run --release --example accuracy                  # the accuracy suite and its chart
+//! cargo run --release --example accuracy -- unknown       # the scenes about unknown leaves
+//! cargo run --release --example accuracy -- sweeps        # the stability sweeps
+//! cargo run --release --example accuracy -- suite torus   # only cases whose name contains `torus`
+//! ```
+//!
+//! The chart and all figures go to `target/accuracy`.
+
+use std::path::{Path, PathBuf};
+
+use surfcut::layers::LayerLimit;
+use surfcut::measure::chart::Chart;
+use surfcut::measure::open::{open_reference, open_surfels};
+use surfcut::measure::scenes::{Case, accuracy_cases, unknown_cases};
+use surfcut::measure::suite::{DrawError, Drawer, Outcome, Row, Setting, SuiteOptions, Table, run, short};
+use surfcut::measure::sweeps::sweeps;
+use surfcut::output::Destination;
+use surfcut::scene::Scene;
+
+/// Timed frames a picture.
+const REPEATS: u32 = 3;
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let what = arguments.first().map_or("suite", String::as_str);
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/accuracy");
+    std::fs::create_dir_all(&folder)?;
+    let chosen =
+        |case: &Case| arguments.len() < 2 || arguments[1..].iter().any(|part| case.name.contains(part.as_str()));
+    match what {
+        "suite" => {
+            let cases: Vec<Case> = accuracy_cases().into_iter().filter(chosen).collect();
+            let table = measured(&cases);
+            print!("{}", table.markdown());
+            let chart = Chart::accuracy_against_time("Accuracy against frame time, 1×", table.accuracy_series(1.0));
+            for (extension, content) in chart.files()? {
+                write(&folder.join(format!("accuracy.{extension}")), &content)?;
+            }
+            write(&folder.join("accuracy_rows.json"), serde_json::to_string_pretty(&table)?.as_bytes())
+        }
+        "unknown" => {
+            let cases: Vec<Case> = unknown_cases().into_iter().filter(chosen).collect();
+            print!("{}", measured(&cases).markdown());
+            Ok(())
+        }
+        "sweeps" => {
+            for sweep in sweeps() {
+                let cases: Vec<Case> = sweep.cases.into_iter().filter(chosen).collect();
+                if cases.is_empty() {
+                    continue;
+                }
+                let table = measured(&cases);
+                println!("\n### {}\n", sweep.name);
+                let figure = |m: &surfcut::measure::suite::Measured| {
+                    let c = &m.comparison;
+                    let edge_px = c.edge_px.map_or("none".to_owned(), short);
+                    format!(
+                        "{edge_px} px, {} % wrong, {} holes, {} spill",
+                        short(100.0 * c.wrong_pixels),
+                        c.holes,
+                        c.spill
+                    )
+                };
+                print!("{}", table.pivot(sweep.parameter, &figure));
+                let rows = serde_json::to_string_pretty(&table)?;
+                write(&folder.join(format!("{}.json", sweep.name)), rows.as_bytes())?;
+            }
+            Ok(())
+        }
+        other => anyhow::bail!("`{other}` is none of suite, unknown, sweeps"),
+    }
+}
+
+fn measured(cases: &[Case]) -> Table {
+    let settings = [Setting { name: "surface curved".to_owned(), value: () }];
+    let open = |scene: &Scene, (): &()| -> Result<Drawer, DrawError> { open_surfels(scene, LayerLimit::Nearest) };
+    let open_truth = |scene: &Scene| open_reference(scene, LayerLimit::Nearest);
+    let options = SuiteOptions { repeats: REPEATS, size: None };
+    run(cases, &settings, &open, &open_truth, options, &mut say)
+}
+
+fn say(row: &Row) {
+    let state = match &row.outcome {
+        Outcome::Failed(reason) => format!("failed: {reason}"),
+        Outcome::Measured(measured) => {
+            let c = &measured.comparison;
+            let verdict = if row.passes() { "" } else { "  misses its bar" };
+            let edge_px = c.edge_px.map_or("none".to_owned(), short);
+            format!("edge_px {edge_px}, wrong {} %, {} holes{verdict}", short(100.0 * c.wrong_pixels), c.holes)
+        }
+    };
+    eprintln!("{} {}×: {state}", row.case, row.zoom);
+}
+
+fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
+    Ok(Destination::File(path.to_owned()).write(true, content)?)
+}
