@@ -20,6 +20,7 @@ use surfcut::measure::suite::{DrawError, Drawer, Outcome, Row, Setting, SuiteOpt
 use surfcut::measure::sweeps::sweeps;
 use surfcut::output::Destination;
 use surfcut::scene::Scene;
+use surfcut::splat::SplatSettings;
 
 /// Timed frames a picture.
 const REPEATS: u32 = 3;
@@ -76,8 +77,11 @@ fn main() -> anyhow::Result<()> {
 }
 
 fn measured(cases: &[Case]) -> Table {
-    let settings = [Setting { name: "surface curved".to_owned(), value: () }];
-    let open = |scene: &Scene, (): &()| -> Result<Drawer, DrawError> { open_surfels(scene, LayerLimit::Nearest) };
+    let setting = |name: &str, value: SplatSettings| Setting { name: name.to_owned(), value };
+    let settings = [setting("surface curved", SplatSettings::default()), setting("paper", SplatSettings::PAPER)];
+    let open = |scene: &Scene, settings: &SplatSettings| -> Result<Drawer, DrawError> {
+        open_surfels(scene, LayerLimit::Nearest, *settings)
+    };
     let open_truth = |scene: &Scene| open_reference(scene, LayerLimit::Nearest);
     let options = SuiteOptions { repeats: REPEATS, size: None };
     run(cases, &settings, &open, &open_truth, options, &mut say)

@@ -1,6 +1,7 @@
 //! The pipelines as a suite opens them: the reference renderer as its truth, and what is to be judged.
 
 use super::suite::{DrawError, Drawer};
+use crate::classify::partners::PartnerLists;
 use crate::csg::LeafId;
 use crate::formats::{NoProgress, ReadOptions};
 use crate::layers::{LayerLimit, LayerStack};
@@ -9,7 +10,7 @@ use crate::reference::{Reference, TruthLeaf, TruthShape};
 use crate::scene::load::LoadedTruth;
 use crate::scene::{LeafGeometry, LoadedScene, Scene, load};
 use crate::space::Camera;
-use crate::splat::Frame;
+use crate::splat::{Frame, Partners, SplatSettings};
 
 /// The leaf `id` as the judge sees it: its truth, else itself; `None` for points without a truth.
 pub fn truth_leaf(loaded: &LoadedScene, id: LeafId) -> Option<TruthLeaf> {
@@ -49,14 +50,20 @@ pub fn open_reference(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawEr
     }))
 }
 
-/// Makes `scene` ready for the surfel pipeline, one sample a pixel. Meshes and solids are sampled for the scene's own view.
+/// Makes `scene` ready for the surfel pipeline with `settings`, one sample a pixel. Meshes and solids are sampled for the scene's own view.
 ///
 /// # Errors
 /// Where the scene cannot be loaded or converted.
-pub fn open_surfels(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawError> {
+pub fn open_surfels(scene: &Scene, limit: LayerLimit, settings: SplatSettings) -> Result<Drawer, DrawError> {
     let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
     let camera = loaded.camera()?;
     let converted = pipeline::convert(&mut loaded, &camera, Density::default(), &|_| ())?;
     let model = converted.classify().model;
-    Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&Frame::new(&model, camera.clone(), limit, 1)))))
+    let partners = match settings.partners_among() {
+        Some(among) if settings.partners == Partners::ObjectSpace => Some(PartnerLists::in_space(&model, among)),
+        _ => None,
+    };
+    Ok(Box::new(move |camera: &Camera| {
+        Ok(LayerStack::collect(&Frame::new(&model, camera.clone(), limit, 1, settings, partners.as_ref())))
+    }))
 }
