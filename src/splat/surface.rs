@@ -90,6 +90,7 @@ pub struct Scratch<S: Simd> {
     found: Vec<(u32, f32)>,
     touching: Vec<u32>,
     reaching: Vec<u32>,
+    known: Vec<Option<u64>>,
     clip: ClipScratch,
 }
 
@@ -100,6 +101,7 @@ impl<S: Simd> Default for Scratch<S> {
             found: Vec::new(),
             touching: Vec::new(),
             reaching: Vec::new(),
+            known: Vec::new(),
             clip: ClipScratch::default(),
         }
     }
@@ -302,6 +304,12 @@ fn resolve<S: Simd>(
     if lanes == 0 {
         return;
     }
+    let mut points = [DVec3::ZERO; LANES];
+    if any_edge {
+        for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
+            points[lane] = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+        }
+    }
     // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
     let mut crossings: [Option<(Crossing, u32)>; LANES] = [None; LANES];
     let mut pending = lanes;
@@ -339,36 +347,36 @@ fn resolve<S: Simd>(
                     continue;
                 }
                 let residual = &tile.model.classes[run.leaf.0 as usize].residuals[number as usize];
-                let mut inside = [0_u64; LANES];
-                let mut many = vec![0_u64; residual.near.len().saturating_sub(64)];
-                for (place, near) in residual.near.iter().enumerate() {
-                    let bits = sides(row, tile, runs, *near, &t, mask, at, cache, &mut scratch.reaching);
-                    if place < 64 {
-                        for (lane, word) in inside.iter_mut().enumerate() {
-                            *word |= (bits >> lane & 1) << place;
-                        }
-                    } else {
-                        many[place - 64] = bits;
-                    }
-                }
+                // A leaf is asked for all rays at once, but only when the first of them needs its answer.
+                let mut known = std::mem::take(&mut scratch.known);
+                known.clear();
+                known.resize(residual.near.len(), None);
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    let is_inside = |place: usize| {
-                        let word = if place < 64 { inside[lane] >> place } else { many[place - 64] >> lane };
-                        word & 1 == 1
-                    };
-                    crossings[lane] = residual.crossing(is_inside).map(|crossing| {
+                    let crossing = residual.crossing(|place| {
+                        let bits = match known[place] {
+                            Some(bits) => bits,
+                            None => {
+                                let near = residual.near[place];
+                                let touching = &mut scratch.reaching;
+                                let bits = sides(row, tile, runs, near, &t, &points, mask, cache, touching);
+                                known[place] = Some(bits);
+                                bits
+                            }
+                        };
+                        bits >> lane & 1 == 1
+                    });
+                    crossings[lane] = crossing.map(|crossing| {
                         let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
-                            match residual.near.binary_search(&leaf) {
-                                Ok(place) => is_inside(place),
-                                Err(_) => {
-                                    let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
-                                    tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
-                                }
+                            let place = residual.near.binary_search(&leaf).ok();
+                            match place.and_then(|place| known[place]) {
+                                Some(bits) => bits >> lane & 1 == 1,
+                                None => tile.model.fields[leaf.0 as usize].contains(points[lane], &mut scratch.found),
                             }
                         });
                         (crossing, body)
                     });
                 }
+                scratch.known = known;
             }
         }
     }
@@ -402,15 +410,14 @@ fn sides<S: Simd>(
     runs: &[Run<'_>],
     near: LeafId,
     t: &[f32; LANES],
+    points: &[DVec3; LANES],
     mask: u64,
-    at: At,
     cache: &mut SideCache,
     touching: &mut Vec<u32>,
 ) -> u64 {
     let field = &tile.model.fields[near.0 as usize];
-    let world = |lane: usize| ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
     if let Some(exact) = &field.exact {
-        let inside = |lane: &usize| exact.contains(world(*lane));
+        let inside = |lane: &usize| exact.contains(points[*lane]);
         return (0..LANES).filter(|l| mask >> l & 1 == 1).filter(inside).fold(0, |bits, lane| bits | 1 << lane);
     }
     let lanes = mask32x8::from_bitmask(row.simd, mask);
@@ -427,7 +434,7 @@ fn sides<S: Simd>(
     while unreached != 0 {
         let lane = unreached.trailing_zeros() as usize;
         unreached &= unreached - 1;
-        bits |= u64::from(cache.inside(field, near, world(lane))) << lane;
+        bits |= u64::from(cache.inside(field, near, points[lane])) << lane;
     }
     bits
 }
