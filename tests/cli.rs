@@ -194,6 +194,46 @@ fn a_picture_equals_itself() {
 }
 
 #[test]
+fn a_chart_is_four_files_with_every_setting() {
+    let directory = with_scene(&SCENE.replace("opacity = 0.5", ""));
+    let here = directory.path();
+    let output = surfcut(here, "chart cut.toml -o out.v1 --repeat 1 --magnify 1,30 --summary-file run.json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(entries(here), ["cut.toml", "out.v1.csv", "out.v1.json", "out.v1.png", "out.v1.svg", "run.json"]);
+    // Five inside tests under two clip modes, and the paper's, at two magnifications.
+    const POINTS: usize = 2 * (5 * 2 + 1);
+    let csv = fs::read_to_string(here.join("out.v1.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + POINTS, "{csv}");
+    assert_eq!(stdout(&output).lines().count(), 1 + POINTS);
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("run.json")).unwrap()).unwrap();
+    let points = json["points"].as_array().unwrap();
+    assert_eq!(points.len(), POINTS);
+    for point in points {
+        assert!(point["frame"]["ms"].as_f64().unwrap() > 0.0, "{point}");
+        let edge_px = point["comparison"]["edge_px"].as_f64().unwrap();
+        // Surfaces are hit on the exact solids; the paper's flat disks are as coarse as so small a picture lets them be.
+        assert!(edge_px >= 0.0 && (edge_px < 1.0 || point["clip"] == "fragment"), "{point}");
+    }
+    assert!(json["phases"]["classify"]["ms"].is_number());
+    assert!(image::open(here.join("out.v1.png")).is_ok());
+
+    let output = surfcut(here, "chart cut.toml -o out.v1");
+    assert_eq!(code(&output), 4);
+    assert!(stderr(&output).contains("out.v1.svg exists already"), "{}", stderr(&output));
+    for (line, wanted, part) in [
+        ("chart sphere:0,0,0,1 --size 32x32 -o ball", 3, "no cut edge"),
+        ("chart cut.toml -o -", 2, "four files"),
+        ("chart cut.toml --magnify 0.5", 2, "1 or larger"),
+        ("chart cut.toml -o a --summary-file a.json", 2, "another name"),
+    ] {
+        let output = surfcut(here, line);
+        assert_eq!(code(&output), wanted, "{line}: {}", stderr(&output));
+        assert!(stderr(&output).contains(part), "{line}: {}", stderr(&output));
+    }
+    assert_eq!(entries(here).len(), 6);
+}
+
+#[test]
 fn completions_and_help_are_there() {
     let here = Path::new(".");
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {

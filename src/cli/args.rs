@@ -8,6 +8,7 @@ use clap_complete::Shell;
 use glam::DVec3;
 
 use surfcut::layers::{LayerLimit, MAX_SAMPLES};
+use surfcut::pipeline::Density;
 use surfcut::scene::colour;
 use surfcut::scene::one_liner::Joint;
 use surfcut::space::Camera;
@@ -172,12 +173,27 @@ pub struct PipelineArgs {
     /// Where clipping partners are searched
     #[arg(long, default_value = Partners::default().name(), value_parser = choice(&Partners::ALL, Partners::name, Partners::summary), help_heading = "Pipeline")]
     pub partners: Partners,
+    /// How densely meshes and solids are sampled.
+    #[command(flatten)]
+    pub density: DensityArgs,
+}
+
+/// How densely meshes and solids are sampled.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct DensityArgs {
     /// Largest error of a sampled mesh or solid, in pixels
     #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive, conflicts_with = "spacing", help_heading = "Pipeline")]
     pub max_error: f64,
     /// Surfel spacing of sampled meshes and solids, in scene units, in place of --max-error
     #[arg(long, value_name = "LENGTH", value_parser = positive, help_heading = "Pipeline")]
     pub spacing: Option<f64>,
+}
+
+impl DensityArgs {
+    /// As the pipeline takes it.
+    pub fn density(&self) -> Density {
+        self.spacing.map_or(Density::MaxErrorPx(self.max_error), Density::Spacing)
+    }
 }
 
 impl PipelineArgs {
@@ -323,9 +339,13 @@ pub struct CompareArgs {
 
 /// `surfcut chart`
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Writes NAME.svg and NAME.png, and the data beside them as NAME.csv and NAME.json.
+#[command(
+    after_help = "Draws the scene with the reference and with every --inside under both --clip, and as the paper does; \
+charts the error of the cut edge against the processor time of a frame. Writes NAME.svg and NAME.png, and the data beside \
+them as NAME.csv and NAME.json.
 
-Examples:\n  surfcut chart scene.toml -o accuracy\n  surfcut chart scene.toml --zoom 100 --at 1,0,0 --repeat 5")]
+Examples:\n  surfcut chart scene.toml -o accuracy\n  surfcut chart scene.toml --size 512x512 --magnify 1,10,1000 --repeat 5"
+)]
 pub struct ChartArgs {
     /// What is drawn.
     #[command(flatten)]
@@ -336,6 +356,12 @@ pub struct ChartArgs {
     /// Where to write, without an ending
     #[arg(long, short, value_name = "NAME", default_value = "chart", value_hint = ValueHint::FilePath)]
     pub output: PathBuf,
+    /// How densely meshes and solids are sampled.
+    #[command(flatten)]
+    pub density: DensityArgs,
+    /// Magnifications to chart: 1 is the picture as it is, larger ones close in on the cut edge nearest to its middle
+    #[arg(long, value_name = "F,…", value_delimiter = ',', default_values_t = [1.0, 100.0], value_parser = at_least_one)]
+    pub magnify: Vec<f64>,
     /// Frames drawn for each time
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub repeat: u32,
@@ -380,6 +406,10 @@ fn positive(text: &str) -> Result<f64, String> {
         Ok(_) => Err("it must be larger than 0 and finite".into()),
         Err(_) => Err("write a number".into()),
     }
+}
+
+fn at_least_one(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|value| if value >= 1.0 { Ok(value) } else { Err("it must be 1 or larger".into()) })
 }
 
 fn point(text: &str) -> Result<DVec3, String> {
@@ -459,6 +489,7 @@ mod tests {
             ("a --background puce", "ivory"),
             ("a --fov-y 30 --height 2", "cannot be used with"),
             ("a --inside outside", "two-nearest"),
+            ("a --max-error 1 --spacing 2", "cannot be used with"),
         ] {
             let message = render(line).expect_err(line).to_string();
             assert!(message.contains(part), "{line}: {message}");

@@ -1,7 +1,9 @@
 //! What draws: a pipeline made ready for one scene.
 
+use std::sync::Arc;
+
 use surfcut::classify::Model;
-use surfcut::classify::partners::PartnerLists;
+use surfcut::classify::partners::{Among, PartnerLists};
 use surfcut::csg::{LeafId, Tree};
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
@@ -41,30 +43,35 @@ pub fn engine(
     report: &mut Report,
 ) -> anyhow::Result<Box<dyn Engine>> {
     match args.pipeline {
-        Pipeline::Reference => Ok(Box::new(ReferenceEngine::new(loaded, frame)?)),
-        Pipeline::Splat => Ok(Box::new(SplatEngine::new(loaded, args, frame, camera, bars, report)?)),
+        Pipeline::Reference => reference(loaded, frame),
+        Pipeline::Splat => {
+            let mut scene = SplatScene::new(loaded, args.density.density(), camera, bars, report)?;
+            Ok(scene.engine(args.splat_settings(), frame, report))
+        }
     }
 }
 
-/// The surfel pipeline.
-struct SplatEngine {
-    model: Model,
-    frame: FrameArgs,
-    settings: SplatSettings,
-    /// Partners found in space, kept from frame to frame.
-    partners: Option<PartnerLists>,
+/// The judge. Ask for it before a [`SplatScene`] takes the clouds out of `loaded`.
+pub fn reference(loaded: &LoadedScene, frame: FrameArgs) -> anyhow::Result<Box<dyn Engine>> {
+    Ok(Box::new(ReferenceEngine::new(loaded, frame)?))
 }
 
-impl SplatEngine {
-    fn new(
+/// A scene as classified surfels: what the pipeline's settings do not change, made once for all of them.
+pub struct SplatScene {
+    model: Arc<Model>,
+    /// Partners found in space so far; one list for each rule.
+    partners: Vec<Arc<PartnerLists>>,
+}
+
+impl SplatScene {
+    /// Converts and classifies; takes the clouds out of `loaded`.
+    pub fn new(
         loaded: &mut LoadedScene,
-        args: &PipelineArgs,
-        frame: FrameArgs,
+        density: Density,
         camera: &Camera,
         bars: Bars,
         report: &mut Report,
     ) -> anyhow::Result<Self> {
-        let density = args.spacing.map_or(Density::MaxErrorPx(args.max_error), Density::Spacing);
         let points = loaded.geometry.iter().map(|g| match g {
             LeafGeometry::Cloud(cloud) => cloud.len() as u64,
             _ => 0,
@@ -80,25 +87,42 @@ impl SplatEngine {
         report.count("inside_edge_surfels", counts.inside_edge as u64);
         report.count("outside_edge_surfels", counts.outside_edge as u64);
         report.count("outside_surfels", counts.outside as u64);
-        let model = prepared.model;
-        let settings = args.splat_settings();
+        Ok(Self { model: Arc::new(prepared.model), partners: Vec::new() })
+    }
+
+    /// The scene drawn with `settings`.
+    pub fn engine(&mut self, settings: SplatSettings, frame: FrameArgs, report: &mut Report) -> Box<dyn Engine> {
         let partners = match settings.partners_among() {
-            Some(among) if settings.partners == Partners::ObjectSpace => {
-                Some(report.phase("partners", || PartnerLists::in_space(&model, among)))
-            }
+            Some(among) if settings.partners == Partners::ObjectSpace => Some(self.partners(among, report)),
             _ => None,
         };
-        if let Some(partners) = &partners {
-            report.count("partners", partners.len() as u64);
-        }
-        Ok(Self { model, frame, settings, partners })
+        Box::new(SplatEngine { model: self.model.clone(), frame, settings, partners })
     }
+
+    fn partners(&mut self, among: Among, report: &mut Report) -> Arc<PartnerLists> {
+        if let Some(known) = self.partners.iter().find(|lists| lists.among() == among) {
+            return known.clone();
+        }
+        let found = Arc::new(report.phase("partners", || PartnerLists::in_space(&self.model, among)));
+        report.count("partners", found.len() as u64);
+        self.partners.push(found.clone());
+        found
+    }
+}
+
+/// The surfel pipeline.
+struct SplatEngine {
+    model: Arc<Model>,
+    frame: FrameArgs,
+    settings: SplatSettings,
+    /// Partners found in space, kept from frame to frame.
+    partners: Option<Arc<PartnerLists>>,
 }
 
 impl Engine for SplatEngine {
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_ref());
+        let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_deref());
         Ok(Box::new(frame))
     }
 }

@@ -1,6 +1,7 @@
 //! The command: flags to library to files. Only this module and `main` print or set the exit code.
 
 pub mod args;
+mod chart;
 mod check;
 mod compare;
 mod engine;
@@ -111,7 +112,7 @@ fn dispatch(cli: Cli) -> anyhow::Result<u8> {
         Command::Info(args) => info::run(&args, &session),
         Command::Check(args) => check::run(&args, &session),
         Command::Compare(args) => compare::run(&args, &session),
-        Command::Chart(_) => Err(failure::UsageError("this build does not have this command yet".into()).into()),
+        Command::Chart(args) => chart::run(&args, &session),
         Command::Completions(args) => {
             let mut script = Vec::new();
             clap_complete::generate(args.shell, &mut Cli::command(), "surfcut", &mut script);

@@ -1,6 +1,6 @@
 //! How good a picture is, and how fast: comparison with the truth, simulated scans, the accuracy suite, charts.
 //!
-//! * [`compare`] measures one picture against the reference renderer's; [`outline`] finds the silhouettes and cut edges
+//! * [`compare()`] measures one picture against the reference renderer's; [`outline`] finds the silhouettes and cut edges
 //!   that it measures at, [`quality`] compares shaded images, [`difference`] paints what differs.
 //! * [`simulate`] samples analytic solids as a scanner or a modeller would; [`scanner`] casts a scanner's rays, so that
 //!   occlusion is real. All randomness comes from [`rng`].

@@ -127,11 +127,10 @@ impl Outline {
         }
         for y in 1..=height {
             for x in 1..=width {
-                for orientation in 0..2 {
-                    let sum = |x: usize, y: usize| sums[y * columns + x][orientation];
-                    // The corner is added and taken away again: add first, these are unsigned.
-                    sums[y * columns + x][orientation] = sum(x, y) + sum(x - 1, y) + sum(x, y - 1) - sum(x - 1, y - 1);
-                }
+                let sum = |x: usize, y: usize, orientation: usize| sums[y * columns + x][orientation];
+                // The corner is added and taken away again: add first, these are unsigned.
+                sums[y * columns + x] =
+                    [0, 1].map(|o| sum(x, y, o) + sum(x - 1, y, o) + sum(x, y - 1, o) - sum(x - 1, y - 1, o));
             }
         }
         let window = |crack: &Crack, orientation: usize| {

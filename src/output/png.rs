@@ -43,7 +43,7 @@ pub fn rgb(picture: &Picture) -> RgbImage {
 /// Writes an 8-bit sRGB picture that no scene's metadata belongs to.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_rgb(picture: &RgbImage, destination: &Destination, overwrite: bool) -> Result<(), OutputError> {
     destination.check(overwrite)?;
     let mut encoded = Vec::new();

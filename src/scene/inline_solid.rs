@@ -11,7 +11,7 @@ pub use crate::geometry::solid::SolidError;
 /// The TOML keys of solids. The command line writes `half-space`; otherwise the names are the same.
 pub const SOLID_KEYS: [&str; 7] = ["half_space", "box", "sphere", "cylinder", "cone", "torus", "blend"];
 
-/// The extent of a half-space whose author gave none: [`load`](crate::scene::load) replaces it by one that reaches
+/// The extent of a half-space whose author gave none: [`load`](crate::scene::load()) replaces it by one that reaches
 /// past everything else in the scene.
 pub const EXTENT_OF_THE_SCENE: f64 = f64::INFINITY;
 

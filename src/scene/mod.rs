@@ -1,7 +1,7 @@
 //! What the user wrote: leaves, the expression over them, and how to look at it.
 //!
 //! A [`Scene`] is plain data: nothing in it depends on a pipeline, and nothing has been read from disk but the scene
-//! file itself. [`load`](crate::scene::load) turns its files into geometry.
+//! file itself. [`load`](crate::scene::load()) turns its files into geometry.
 
 use std::path::PathBuf;
 use std::sync::Arc;

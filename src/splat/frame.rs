@@ -223,10 +223,8 @@ fn bin_chunk(
     }
     let classes = &model.classes[leaf as usize].classes;
     let first = chunk * CHUNK;
-    for index in first..(first + CHUNK).min(cloud.len()) {
-        if !classes[index].is_needed() {
-            continue;
-        }
+    let last = (first + CHUNK).min(cloud.len());
+    for index in (first..last).filter(|&index| classes[index].is_needed()) {
         let radius = f64::from(cloud.surfels[index].radius);
         let Some(b) = view.bounds(view.point(cloud.centre(index)), radius) else { continue };
         // Float to integer casts saturate, so infinite bounds become the picture's.

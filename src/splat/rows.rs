@@ -267,22 +267,22 @@ fn join<S: Simd>(
         slot.plain &= s.plain;
         if slot.plain {
             for k in 0..3 {
-                slot.normal[k] = slot.normal[k] + w * s.normal[k];
-                slot.colour[k] = slot.colour[k] + w * s.colour[k];
+                slot.normal[k] += w * s.normal[k];
+                slot.colour[k] += w * s.colour[k];
             }
-            slot.opacity = slot.opacity + w * s.opacity;
+            slot.opacity += w * s.opacity;
         }
         slot.lower = takes.select(fresh.select(t - reach, slot.lower.min(t - reach)), slot.lower);
         slot.upper = takes.select(fresh.select(t + reach, slot.upper.max(t + reach)), slot.upper);
-        slot.weight = slot.weight + w;
-        slot.weighted_depth = slot.weighted_depth + takes.select(w * t, zero);
+        slot.weight += w;
+        slot.weighted_depth += takes.select(w * t, zero);
         let better = takes & w.simd_ge(slot.best_weight);
         slot.best_weight = better.select(w, slot.best_weight);
         slot.best_depth = better.select(t, slot.best_depth);
         slot.best_radius = better.select(row.splat(s.radius), slot.best_radius);
         slot.best = better.select(u32x8::splat(row.simd, member), slot.best);
-        slot.lanes = slot.lanes | takes;
-        pending = pending & !takes;
+        slot.lanes |= takes;
+        pending &= !takes;
         if pending.all_false() {
             return;
         }
@@ -372,16 +372,16 @@ pub fn solve<S: Simd>(
         }
         reaching.push(member);
         let w = counts.select(f.weight(row), zero);
-        weight = weight + w;
-        a0 = a0 + w * counts.select(f.value, zero);
-        a1 = a1 + w * f.slope;
-        a2 = a2 + w * q.a2;
+        weight += w;
+        a0 += w * counts.select(f.value, zero);
+        a1 += w * f.slope;
+        a2 += w * q.a2;
         for (k, md) in [q.md_x, q.md_y, q.md_z].into_iter().enumerate() {
-            normal[k] = normal[k] + w * (f.me[k] + s.normal[k]);
-            slope[k] = slope[k] + w * md;
-            colour[k] = colour[k] + w * s.colour[k];
+            normal[k] += w * (f.me[k] + s.normal[k]);
+            slope[k] += w * md;
+            colour[k] += w * s.colour[k];
         }
-        opacity = opacity + w * s.opacity;
+        opacity += w * s.opacity;
     }
     let square = a1 * a1 - a0 * a2 * 4.0;
     let root = square.max(0.0).sqrt();
@@ -418,9 +418,9 @@ pub fn solve<S: Simd>(
                 continue;
             }
             let w = counts.select(f.weight(row), zero);
-            total = total + w;
-            value = value + w * counts.select(f.value, zero);
-            rate = rate + w * f.slope;
+            total += w;
+            value += w * counts.select(f.value, zero);
+            rate += w * f.slope;
         }
         let step = value / rate;
         let good = solved & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * 0.5);
@@ -498,8 +498,8 @@ pub fn ask<S: Simd>(
         let v = row.splat(1.0) - support;
         let v = v * v;
         let w = counts.select(v * v, zero);
-        weight = weight + w;
-        value = value + w * counts.select(ne + (ex * me_x + ey * me_y + ez * me_z) * 0.5, zero);
+        weight += w;
+        value += w * counts.select(ne + (ex * me_x + ey * me_y + ez * me_z) * 0.5, zero);
     }
     (value, lanes & weight.simd_gt(LEAST_WEIGHT))
 }

@@ -1,7 +1,7 @@
 //! Which surfels' support balls meet a given ball.
 //!
 //! # Theory
-//! A binary tree of balls over runs of [`RUN`] surfels in Morton order; a node's ball holds the *support balls* of its
+//! A binary tree of balls over runs of `RUN` surfels in Morton order; a node's ball holds the *support balls* of its
 //! surfels, centres and radii. A k-d tree over the centres would have to search as far as the largest radius of the leaf,
 //! and one stray point of a scan, whose radius is a thousand times the others', would make every query visit everything.
 //!
