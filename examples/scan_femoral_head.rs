@@ -1,4 +1,4 @@
-//! Simulates the scan of `data/femoral_head.ply`: a femoral head of 24 mm radius on a stand, seen by a range scanner from
+//! Simulates the scan of `data/femoral_head.ply`: the upper end of a femur, head radius 24 mm, on a stand, seen by a range scanner from
 //! eleven places, with noise, real occlusion and the colours of bone and cartilage.
 //!
 //! ```text
@@ -13,7 +13,7 @@ use glam::DVec3;
 use surfcut::formats::write_ply_cloud;
 use surfcut::geometry::{PointCloud, Solid};
 use surfcut::measure::scanner::{Scanner, thin};
-use surfcut::measure::scenes::femoral_head;
+use surfcut::measure::scenes::proximal_femur;
 use surfcut::measure::simulate::fibonacci_directions;
 
 /// Radius of the head, millimetres.
@@ -39,20 +39,16 @@ fn main() -> anyhow::Result<()> {
         .next()
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("data/femoral_head.ply"), PathBuf::from);
 
-    let femur = femoral_head(HEAD_RADIUS);
-    // The bone is held from below by a rod that its end sits on.
-    let end = DVec3::new(-1.02, 0.0, -1.3) * HEAD_RADIUS;
-    let rod = Solid::Cylinder {
-        from: end + DVec3::new(-0.35, 0.0, -0.6) * HEAD_RADIUS,
-        to: end + DVec3::new(-1.2, 0.0, -2.0) * HEAD_RADIUS,
-        radius: 0.2 * HEAD_RADIUS,
-    };
-    let middle = DVec3::new(-0.35, 0.0, -0.45) * HEAD_RADIUS;
+    let femur = proximal_femur(HEAD_RADIUS);
+    // The shaft's end sits on a rod, which hides part of it.
+    let end = DVec3::new(-1.36, 0.1, -3.1) * HEAD_RADIUS;
+    let rod = Solid::Cylinder { from: end, to: end - DVec3::Z * 3.0 * HEAD_RADIUS, radius: 0.3 * HEAD_RADIUS };
+    let middle = DVec3::new(-0.7, 0.0, -1.1) * HEAD_RADIUS;
     const STATIONS: usize = 11;
     let scanner = Scanner {
-        stations: fibonacci_directions(STATIONS).map(|direction| middle + direction * 8.0 * HEAD_RADIUS).collect(),
+        stations: fibonacci_directions(STATIONS).map(|direction| middle + direction * 9.0 * HEAD_RADIUS).collect(),
         target: middle,
-        reach: 2.2 * HEAD_RADIUS,
+        reach: 2.5 * HEAD_RADIUS,
         rays_across: (RAYS_PER_POINT * count as f64).sqrt().ceil() as usize,
         range_noise: RANGE_NOISE,
         normal_noise_deg: NORMAL_NOISE_DEG,

@@ -1,6 +1,7 @@
 //! How far one picture's nearest boundaries are from the truth's.
 //!
-//! Each measure is defined on [`Comparison`]. The pixels judged are those that either picture covers. Silhouettes and cut
+//! Each measure is defined on [`Comparison`]. What a pixel sees is its nearest boundary, whichever of its samples saw it, so
+//! tables are drawn with one sample. The pixels judged are those that either picture covers. Silhouettes and cut
 //! edges are those of [`super::outline`]; "within 1 px" of one means that a pixel's centre is at most 1 px from a crack of
 //! it, which holds for the pixels on both sides of the crack and for those that touch an end of it.
 

@@ -127,10 +127,12 @@ impl Outline {
         }
         for y in 1..=height {
             for x in 1..=width {
-                let sum = |x: usize, y: usize, orientation: usize| sums[y * columns + x][orientation];
-                // The corner is added and taken away again: add first, these are unsigned.
-                sums[y * columns + x] =
-                    [0, 1].map(|o| sum(x, y, o) + sum(x - 1, y, o) + sum(x, y - 1, o) - sum(x - 1, y - 1, o));
+                let (above, left, corner) =
+                    (sums[(y - 1) * columns + x], sums[y * columns + x - 1], sums[(y - 1) * columns + x - 1]);
+                let sum = &mut sums[y * columns + x];
+                // The corner is in both: add first, these are unsigned.
+                *sum = [0, 1]
+                    .map(|orientation| sum[orientation] + above[orientation] + left[orientation] - corner[orientation]);
             }
         }
         let window = |crack: &Crack, orientation: usize| {

@@ -46,7 +46,7 @@ impl Scanner {
         }
         let seen: Vec<(DVec3, Vec3)> = (0..self.stations.len())
             .into_par_iter()
-            .flat_map_iter(|station| self.from_station(station, solid, obstacles))
+            .flat_map_iter(|station| self.seen_from(station, solid, obstacles))
             .collect();
         if seen.is_empty() {
             return Err(ScanError::NothingSeen);
@@ -55,7 +55,7 @@ impl Scanner {
         Ok(PointCloud { positions, normals: Some(normals), ..PointCloud::default() })
     }
 
-    fn from_station(&self, station: usize, solid: &Solid, obstacles: &[Solid]) -> Vec<(DVec3, Vec3)> {
+    fn seen_from(&self, station: usize, solid: &Solid, obstacles: &[Solid]) -> Vec<(DVec3, Vec3)> {
         let eye = self.stations[station];
         let mut rng = Rng::new(self.seed, station as u64);
         let away = self.target - eye;

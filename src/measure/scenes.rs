@@ -227,6 +227,24 @@ pub fn femoral_head(scale: f64) -> Solid {
     Solid::Blend { balls, smoothness: 0.14 * scale }
 }
 
+/// The upper end of a femur around the same head, as `data/femoral_head.toml` has it: head, neck, both trochanters and a
+/// stump of the shaft.
+pub fn proximal_femur(scale: f64) -> Solid {
+    let balls = [
+        [0.0, 0.0, 0.0, 1.0],
+        [-0.62, 0.0, -0.58, 0.6],
+        [-0.95, 0.02, -0.88, 0.6],
+        [-1.6, 0.1, -0.78, 0.56],
+        [-1.72, 0.12, -1.2, 0.56],
+        [-1.34, 0.05, -1.36, 0.76],
+        [-0.92, 0.3, -1.86, 0.36],
+        [-1.34, 0.08, -2.0, 0.64],
+        [-1.36, 0.1, -2.6, 0.58],
+    ];
+    let ball = |[x, y, z, radius]: [f64; 4]| Ball { centre: DVec3::new(x, y, z) * scale, radius: radius * scale };
+    Solid::Blend { balls: balls.map(ball).to_vec(), smoothness: 0.14 * scale }
+}
+
 /// The two spheres that are cut from the femoral head, for a head of radius `scale`: they overlap, so that three surfaces
 /// meet (Wicke 2004, Fig. 9).
 pub fn femoral_cutters(scale: f64) -> [Solid; 2] {
@@ -421,7 +439,10 @@ pub fn unknown_contrast(count: usize) -> Case {
         leaf("b", sphere([0.75, -0.75, 0.55], 0.55), ScanOptions::regular(10_000, 3)),
     ];
     let about = format!("Coarse edge surfels beside fine surface surfels: {count} points on a, 10 000 on c and b");
-    Case::new(format!("unknown_contrast_{count}"), about, leaves, "c & (a | b)", view_from([2.6, -2.4, 1.8]))
+    let case =
+        Case::new(format!("unknown_contrast_{count}"), about, leaves, "c & (a | b)", view_from([2.6, -2.4, 1.8]));
+    // Only c is seen: where a and b cut it, the picture has a silhouette, and nothing to zoom onto.
+    Case { zooms: vec![1.0], ..case }
 }
 
 /// The two scenes in which Wicke's rules for unknown leaves are said to be right: b far away, and b around everything.

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::scenes::Bars;
 use super::scenes::{Case, density, half_space, leaf, sphere, torus, torus_drill, torus_minus_cylinder, view_from};
-use super::simulate::{Sampling, ScanOptions};
+use super::simulate::{Gaps, Sampling, ScanOptions};
 use crate::geometry::Solid;
 use crate::scene::CameraSpec;
 use crate::space::Lens;
@@ -89,36 +89,67 @@ pub fn sweeps() -> Vec<Sweep> {
         Sweep::new("density", "ratio of densities", &[1.0, 10.0, 30.0, 100.0, 300.0, 900.0], &SWEEP_ZOOMS, |ratio| {
             density("", 30_600, ratio as usize)
         }),
+        Sweep::new("flipped", "share of normals flipped", &[0.0, 0.001, 0.01, 0.05, 0.2], &SWEEP_ZOOMS, |flipped| {
+            torus_scanned(|options| ScanOptions { flipped, ..options })
+        }),
+        Sweep::new(
+            "gaps",
+            "radius of 20 missing patches [spacings]",
+            &[0.0, 1.0, 2.0, 4.0, 8.0],
+            &SWEEP_ZOOMS,
+            |radius| torus_scanned(|options| ScanOptions { gaps: Some(Gaps { count: 20, radius }), ..options }),
+        ),
+        Sweep::new(
+            "wall",
+            "thickness of a shell of radius 1, 10 000 points a side",
+            &[0.3, 0.1, 0.03, 0.01, 0.003, 0.001],
+            &SWEEP_ZOOMS,
+            shell,
+        ),
         Sweep::new("irregular", "least share of points kept", &[1.0, 0.3, 0.08, 0.03, 0.01], &SWEEP_ZOOMS, |least| {
             torus_minus_cylinder("", TORUS_POINTS, Sampling::Irregular { least }, Bars::NONE)
         }),
     ]
 }
 
-/// Two half-spaces of 2025 points whose planes meet along Y at `angle_deg`, an angle of 0 being coplanar.
+/// Two half-spaces of 5625 points whose planes meet along Y at `angle_deg`, an angle of 0 being coplanar.
 fn roof(angle_deg: f64, position_noise: f64, normal_noise_deg: f64) -> Case {
-    // Wider than the view.
-    const EXTENT: f64 = 1.5;
-    const POINTS: usize = 45 * 45;
+    // Wider than the view, so that no border of the sampled squares is in the picture.
+    const EXTENT: f64 = 2.5;
+    const POINTS: usize = 75 * 75;
     let (sin, cos) = (0.5 * angle_deg).to_radians().sin_cos();
     let side = |name, sign: f64, seed| {
         let options = ScanOptions::regular(POINTS, seed).noisy(position_noise, normal_noise_deg);
         leaf(name, half_space([0.0; 3], [sign * sin, 0.0, cos], EXTENT), options)
     };
     let camera =
-        CameraSpec { eye: DVec3::new(0.9, -1.4, 1.6), target: DVec3::ZERO, up: DVec3::Z, lens: Lens::FovY(30.0) };
+        CameraSpec { eye: DVec3::new(0.9, -1.4, 1.6), target: DVec3::ZERO, up: DVec3::Z, lens: Lens::FovY(20.0) };
     let leaves = vec![side("right", 1.0, 1), side("left", -1.0, 2)];
     Case::new("", format!("Two half-spaces that meet at {angle_deg} degrees"), leaves, "right & left", camera)
 }
 
-fn noisy_torus(position_noise: f64, normal_noise_deg: f64) -> Case {
-    let options = |count, seed| ScanOptions::regular(count, seed).noisy(position_noise, normal_noise_deg);
+/// A torus minus a cylinder, the scans of both changed alike.
+fn torus_scanned(change: impl Fn(ScanOptions) -> ScanOptions) -> Case {
     let leaves = vec![
-        leaf("ring", torus(), options(2 * TORUS_POINTS / 3, 1)),
-        leaf("drill", torus_drill(), options(TORUS_POINTS / 3, 2)),
+        leaf("ring", torus(), change(ScanOptions::regular(2 * TORUS_POINTS / 3, 1))),
+        leaf("drill", torus_drill(), change(ScanOptions::regular(TORUS_POINTS / 3, 2))),
     ];
-    let about = format!("A torus minus a cylinder, noise of {position_noise} spacings and {normal_noise_deg} degrees");
-    Case::new("", about, leaves, "ring - drill", view_from([2.6, -1.0, 2.2]))
+    Case::new("", "A torus minus a cylinder, scanned badly", leaves, "ring - drill", view_from([2.6, -1.0, 2.2]))
+}
+
+fn noisy_torus(position_noise: f64, normal_noise_deg: f64) -> Case {
+    torus_scanned(|options| options.noisy(position_noise, normal_noise_deg))
+}
+
+/// A hollow sphere, cut open.
+fn shell(thickness: f64) -> Case {
+    let leaves = vec![
+        leaf("outer", sphere([0.0; 3], 1.0), ScanOptions::regular(10_000, 1)),
+        leaf("inner", sphere([0.0; 3], 1.0 - thickness), ScanOptions::regular(10_000, 2)),
+        leaf("lid", half_space([0.0, 0.0, 0.2], [0.3, -0.3, 1.0], 1.5), ScanOptions::regular(10_000, 3)),
+    ];
+    let about = format!("A hollow sphere with a wall of {thickness}, cut open");
+    Case::new("", about, leaves, "(outer - inner) & lid", view_from([2.0, -2.2, 2.6]))
 }
 
 /// A sphere minus a sphere, everything moved by `distance`: map coordinates.
