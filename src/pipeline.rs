@@ -125,9 +125,11 @@ fn leaf_field(
     let leaf = &loaded.scene.leaves[index];
     let (name, world_from_leaf) = (leaf.name.clone(), leaf.world_from_leaf);
     let surfels = |source| PrepareError::Surfels { leaf: name.clone(), source };
-    let spacing = |curvature_radius: f64| match (leaf.spacing, density) {
+    let spacing = |curvature_radius: f64, area: f64| match (leaf.spacing, density) {
         (Some(spacing), _) | (None, Density::Spacing(spacing)) => spacing,
-        (None, Density::MaxErrorPx(px)) => spacing_for(px, curvature_radius, footprint_of(loaded, index, camera)),
+        (None, Density::MaxErrorPx(px)) => {
+            spacing_for(px, curvature_radius, footprint_of(loaded, index, camera)).max(roomy(area, curvature_radius))
+        }
     };
     let stretch = world_from_leaf.matrix3.determinant().abs().cbrt();
     Ok(match &loaded.geometry[index] {
@@ -143,14 +145,17 @@ fn leaf_field(
             let extent = loaded.bounds[index].map_or(1.0, |b| (b.max - b.min).length());
             // A mesh says nothing of its curvature; a feature of a twentieth of its size is what such scans show.
             const FEATURE_SHARE: f64 = 1.0 / 20.0;
-            let cloud = surfel::from_mesh(mesh, world_from_leaf, spacing(extent * FEATURE_SHARE)).map_err(surfels)?;
+            let area = stretch * stretch * mesh.area();
+            let cloud =
+                surfel::from_mesh(mesh, world_from_leaf, spacing(extent * FEATURE_SHARE, area)).map_err(surfels)?;
             let exact = Exact::mesh(Arc::clone(mesh), world_from_leaf)
                 .map_err(|source| PrepareError::Mesh { leaf: name.clone(), source })?;
             (LeafField::new(cloud, Some(exact), kind), None)
         }
         LeafGeometry::Solid(solid) => {
-            let cloud =
-                surfel::from_solid(solid, world_from_leaf, spacing(stretch * least_radius(solid))).map_err(surfels)?;
+            let area = stretch * stretch * solid.patches().iter().map(|patch| patch.area()).sum::<f64>();
+            let cloud = surfel::from_solid(solid, world_from_leaf, spacing(stretch * least_radius(solid), area))
+                .map_err(surfels)?;
             (LeafField::new(cloud, Some(Exact::solid(solid.clone(), world_from_leaf)), kind), None)
         }
     })
@@ -171,14 +176,22 @@ fn nearest_depth(camera: &Camera, p_in_world: glam::DVec3) -> f64 {
     if depth > 0.0 { depth } else { 1.0 }
 }
 
+/// Flat faces need samples too, and a leaf of one surfel a face groups badly.
+const LEAST_SAMPLES_A_RADIUS: f64 = 4.0;
+
 /// The spacing whose surfels a surface of radius of curvature `radius` leaves by `px` pixels: a disk of radius ρ on a
 /// sphere of radius R has the sagitta ρ²/2R, and disks have about 1.3 spacings.
 fn spacing_for(px: f64, radius: f64, footprint: f64) -> f64 {
     const DISK_RADIUS_IN_SPACINGS: f64 = 1.3;
-    /// Flat faces need samples too, and a leaf of one surfel a face groups badly.
-    const LEAST_SAMPLES_A_RADIUS: f64 = 4.0;
     let by_sagitta = (2.0 * radius * px * footprint).sqrt() / DISK_RADIUS_IN_SPACINGS;
     by_sagitta.min(radius / LEAST_SAMPLES_A_RADIUS).max(footprint)
+}
+
+/// The spacing that keeps a leaf of `area` at a quarter of a million surfels, as long as that resolves its curvature: a
+/// cutter may be a thousand times larger than what it cuts, and its hits are solved exactly however large its surfels are.
+fn roomy(area: f64, radius: f64) -> f64 {
+    const MOST_SURFELS: f64 = 250_000.0;
+    (area / MOST_SURFELS).sqrt().min(radius / LEAST_SAMPLES_A_RADIUS)
 }
 
 /// The least radius of curvature of a solid, or a quarter of its least side where it has none; leaf units.

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use surfcut::composite::{Look, shaded_stack};
-use surfcut::layers::LayerStack;
+use surfcut::layers::{LayerLimit, LayerStack};
 use surfcut::measure::quality::quality;
 use surfcut::measure::{compare, difference};
 use surfcut::output::report::{Report, Stopwatch};
@@ -13,7 +13,6 @@ use surfcut::space::Camera;
 use super::args::{CompareArgs, PipelineArgs};
 use super::engine::{FrameArgs, engine};
 use super::failure::code;
-use super::render::frame_args;
 use super::{Session, input};
 
 /// Draws the scene twice and measures the first picture against the second.
@@ -25,7 +24,8 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let mut report = Report::new(std::env::args().collect());
     let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
-    let frame = frame_args(&args.view, &loaded, false);
+    // All boundaries unless asked otherwise: how many there are is one of the measures.
+    let frame = FrameArgs { samples: args.view.samples, limit: args.view.layers.unwrap_or(LayerLimit::All) };
     let with = PipelineArgs {
         pipeline: args.with,
         clip: args.with_clip,

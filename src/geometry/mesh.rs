@@ -19,6 +19,15 @@ impl TriMesh {
         self.triangles[index].map(|v| self.positions[v as usize])
     }
 
+    /// Surface area in squared leaf units.
+    pub fn area(&self) -> f64 {
+        let twice = |t: usize| {
+            let [a, b, c] = self.corners(t);
+            (b - a).cross(c - a).length()
+        };
+        0.5 * (0..self.triangles.len()).map(twice).sum::<f64>()
+    }
+
     /// Signed volume in cubed leaf units; negative where the mesh is inside-out, meaningless where it is open.
     pub fn signed_volume(&self) -> f64 {
         let anchor = self.positions.first().copied().unwrap_or_default();
