@@ -136,7 +136,8 @@ pub enum SurfelError {
     },
     /// One place alone has no neighbours to take a radius from.
     #[error(
-        "its points ({points}) all lie at one place, so there is no spacing to take a radius from: give them a radius"
+        "its points ({points}) all lie at one place, so there is no spacing to take a radius from: give the file a \
+         `radius` property (PLY)"
     )]
     OnePlace {
         /// How many.
