@@ -8,8 +8,7 @@ use surfcut::csg::{LeafId, Tree};
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
 use surfcut::pipeline::{self, Density};
-use surfcut::reference::{Reference, TruthLeaf, TruthShape};
-use surfcut::scene::load::LoadedTruth;
+use surfcut::reference::{Reference, TruthLeaf};
 use surfcut::scene::{LeafGeometry, LoadedScene};
 use surfcut::space::Camera;
 use surfcut::splat::{Frame, Partners, SplatSettings};
@@ -142,29 +141,14 @@ impl ReferenceEngine {
     }
 }
 
-/// The leaf as the judge sees it: its truth, else itself.
+/// The leaf as the judge sees it.
 fn truth_leaf(loaded: &LoadedScene, id: LeafId) -> Result<TruthLeaf, InputError> {
-    let index = id.0 as usize;
-    let leaf = &loaded.scene.leaves[index];
-    let shape = match (&loaded.truths[index], &loaded.geometry[index]) {
-        (Some(LoadedTruth::Mesh(mesh)), _) | (None, LeafGeometry::Mesh(mesh)) => TruthShape::Mesh(mesh.clone()),
-        (Some(LoadedTruth::Solid(solid)), _) | (None, LeafGeometry::Solid(solid)) => TruthShape::Solid(solid.clone()),
-        (None, LeafGeometry::Cloud(_)) => {
-            return Err(InputError(format!(
-                "the reference cannot cast rays at the points of leaf `{}`: give it a `truth`, the mesh or solid that it \
-                 was sampled from, or draw with --pipeline splat",
-                leaf.name
-            )));
-        }
-    };
-    Ok(TruthLeaf {
-        leaf: id.0,
-        shape,
-        world_from_leaf: leaf.world_from_leaf,
-        colour: loaded.colour(id),
-        vertex_colours: loaded.has_own_colours(id),
-        opacity: leaf.opacity,
-        kind: leaf.kind,
+    surfcut::measure::open::truth_leaf(loaded, id).ok_or_else(|| {
+        InputError(format!(
+            "the reference cannot cast rays at the points of leaf `{}`: give it a `truth`, the mesh or solid that it was \
+             sampled from, or draw with --pipeline splat",
+            loaded.scene.leaves[id.0 as usize].name
+        ))
     })
 }
 
