@@ -41,13 +41,18 @@ fn every_scene_of_the_corpus_is_read_or_refused() {
     replay("scene", text_invariants::check_scene);
 }
 
+/// A finding is called `found_…`; everything else must be valid, or cutting it off would test little.
+fn seeds(folder: &str) -> Vec<(String, String)> {
+    texts(folder).into_iter().filter(|(name, _)| !name.contains("found_")).collect()
+}
+
 #[test]
 fn the_seeds_are_sound() {
-    for (name, text) in texts("scene") {
+    for (name, text) in seeds("scene") {
         let scene = surfcut::scene::toml_file::parse(&text, Path::new(""));
         assert!(scene.is_ok(), "{name}: {}", scene.unwrap_err());
     }
-    for (name, text) in texts("expression") {
+    for (name, text) in seeds("expression") {
         let tree = surfcut::csg::expression::parse(&text, &mut |_| Some(surfcut::csg::LeafId(0)));
         assert!(tree.is_ok(), "{name}: {}", tree.unwrap_err());
     }
