@@ -147,14 +147,47 @@ impl LeafField {
 
     /// The side of a point that no surfel reaches, given its nearest one.
     pub fn far_inside(&self, p_in_world: DVec3, nearest: u32) -> bool {
+        self.far_side(p_in_world, nearest).inside
+    }
+
+    /// As [`far_inside`](Self::far_inside), with how far around the point it holds.
+    pub fn far_side(&self, p_in_world: DVec3, nearest: u32) -> FarSide {
         match &self.winding {
-            Some(inside) => inside.winding.at(p_in_world) > inside.threshold,
+            Some(inside) => {
+                let level = 0.5 * inside.winding.at(p_in_world) / inside.threshold;
+                FarSide { inside: level > 0.5, steady_share: steady_share(level.min(1.0 - level)) }
+            }
             None => {
                 let e = (p_in_world - self.cloud.centre(nearest as usize)).as_vec3();
-                e.dot(self.cloud.surfels[nearest as usize].normal) < 0.0
+                // A plane goes on beyond its disk, so no distance from the surfels keeps a point on its side of it.
+                FarSide { inside: e.dot(self.cloud.surfels[nearest as usize].normal) < 0.0, steady_share: 0.0 }
             }
         }
     }
+}
+
+/// The side of a point that no surfel reaches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FarSide {
+    /// Whether it is inside.
+    pub inside: bool,
+    /// The same side holds within this share of the distance to the nearest surface element.
+    pub steady_share: f64,
+}
+
+/// How far the side of a winding number holds, as a share of the distance R to the surface, where the number is `doubt` away
+/// from certainty (0 or 1).
+///
+/// Between surface elements the winding number is harmonic and lies between 0 and 1, so by Harnack's inequality in space
+/// `doubt` grows at distance sR to at most doubt (1 + s) / (1 − s)². It stays below ½ up to the s solved for here; a point in
+/// the middle of a scan's hole, half in doubt, answers for itself alone.
+fn steady_share(doubt: f64) -> f64 {
+    const LEAST_DOUBT: f64 = 0.02; // what the dipoles' own error may hide
+    if !(doubt < 0.5) {
+        return 0.0;
+    }
+    let growth = 0.5 / doubt.max(LEAST_DOUBT);
+    ((2.0 * growth + 1.0) - (8.0 * growth + 1.0).sqrt()) / (2.0 * growth)
 }
 
 fn side(inside: bool) -> Membership {
@@ -195,5 +228,21 @@ impl Inside {
         const LEAST_LEVEL: f64 = 0.2; // radii half as large as estimated ones would give a quarter
         const AGREED_SHARE: f64 = 0.5;
         (level > LEAST_LEVEL && low > AGREED_SHARE * level).then_some(Self { winding, threshold: 0.5 * level })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_holds_as_far_as_harnack_lets_it() {
+        assert_eq!(steady_share(0.5), 0.0);
+        assert_eq!(steady_share(f64::NAN), 0.0);
+        for doubt in [0.02, 0.1, 0.3, 0.49] {
+            let s = steady_share(doubt);
+            assert!((0.0..1.0).contains(&s));
+            assert!((doubt * (1.0 + s) / ((1.0 - s) * (1.0 - s)) - 0.5).abs() < 1e-12);
+        }
     }
 }

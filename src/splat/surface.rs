@@ -107,8 +107,8 @@ impl<S: Simd> Default for Scratch<S> {
     }
 }
 
-/// The side of points that no surfel of a leaf reaches, remembered by leaf: the surface keeps its distance from the point
-/// that was last asked about, so every point closer to that one is on the same side.
+/// The side of points that no surfel of a leaf reaches, remembered by leaf: around the point that was last asked about it
+/// holds as far as [`LeafField::far_side`] says.
 pub struct SideCache {
     last: Vec<Option<(DVec3, f64, bool)>>,
 }
@@ -128,12 +128,15 @@ impl SideCache {
             return side;
         }
         let Some((nearest, _)) = field.search.nearest_in_world(p_in_world) else { return false };
-        let side = field.far_inside(p_in_world, nearest);
+        let side = field.far_side(p_in_world, nearest);
+        if !(side.steady_share > 0.0) {
+            return side.inside;
+        }
         // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
         const COVERED_SHARE: f32 = 0.8;
-        let clearance = f64::from(field.supports.clearance(p_in_world, COVERED_SHARE));
-        *known = Some((p_in_world, clearance.max(0.0), side));
-        side
+        let clearance = side.steady_share * f64::from(field.supports.clearance(p_in_world, COVERED_SHARE));
+        *known = Some((p_in_world, clearance.max(0.0), side.inside));
+        side.inside
     }
 }
 
