@@ -161,19 +161,16 @@ fn leaf_field(
     })
 }
 
-/// The footprint at the nearest depth of leaf `index` that is in front of the camera, world units.
+/// The footprint at the nearest depth of leaf `index` in front of the camera, world units.
 fn footprint_of(loaded: &LoadedScene, index: usize, camera: &Camera) -> f64 {
-    let Some(b) = loaded.bounds[index] else { return camera.footprint(nearest_depth(camera, camera.eye)) };
-    camera.footprint(nearest_depth(camera, 0.5 * (b.min + b.max)) - 0.5 * (b.max - b.min).length().min(1e300)).max({
-        // From inside the leaf's box there is no nearest depth: take a hundredth of the middle's.
-        const CLOSEST_SHARE: f64 = 0.01;
-        camera.footprint(CLOSEST_SHARE * nearest_depth(camera, 0.5 * (b.min + b.max)))
-    })
-}
-
-fn nearest_depth(camera: &Camera, p_in_world: glam::DVec3) -> f64 {
-    let depth = camera.view_from_world(p_in_world).z;
-    if depth > 0.0 { depth } else { 1.0 }
+    // From inside a leaf's ball, or with the leaf behind the eye, there is no nearest depth: a share of its size stands in.
+    const CLOSEST_SHARE: f64 = 0.01;
+    let (middle, radius) = match loaded.bounds[index] {
+        Some(b) => (0.5 * (b.min + b.max), 0.5 * (b.max - b.min).length()),
+        None => (camera.eye + camera.forward, 1.0), // a half-space is everywhere
+    };
+    let depth = camera.view_from_world(middle).z;
+    camera.footprint((depth - radius).max(CLOSEST_SHARE * depth.abs().max(radius)))
 }
 
 /// Flat faces need samples too, and a leaf of one surfel a face groups badly.

@@ -198,7 +198,7 @@ fn classify_chunk(
     let touches: Vec<TouchRef> =
         row.iter().map(|status| status.as_ref().map_or(TouchRef::Apart(Membership::Out), |s| s.chunk(chunk))).collect();
     // Surfels of a leaf that lends its surface are partners of whatever surfel leaf is within reach of the chunk.
-    let within_reach = |b: usize| matches!(touches[b], TouchRef::Surfels(_)) && fields[b].kind_can_ask();
+    let within_reach = |b: usize| matches!(touches[b], TouchRef::Surfels(_)) && !fields[b].cloud.is_empty();
     let partner = if own_field.lends_surfels() && (0..touches.len()).any(within_reach) { Class::PARTNER } else { 0 };
 
     let apart = |b: LeafId| match touches[b.0 as usize] {
@@ -248,12 +248,5 @@ fn surface(crossing: Crossing) -> u32 {
     match crossing {
         Crossing::Rises => Class::RISES,
         Crossing::Falls => Class::FALLS,
-    }
-}
-
-impl LeafField {
-    /// Whether this leaf's surfels may need partners: every leaf that is drawn.
-    fn kind_can_ask(&self) -> bool {
-        !self.cloud.is_empty()
     }
 }
