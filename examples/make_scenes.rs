@@ -9,14 +9,14 @@
 
 use std::path::Path;
 
-use surfcut::measure::scenes::{accuracy_cases, unknown_cases};
+use surfcut::measure::scenes::{accuracy_cases, speed_head, unknown_cases};
 use surfcut::measure::sweeps::sweeps;
 
 fn main() -> anyhow::Result<()> {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/generated");
     let swept = sweeps().into_iter().flat_map(|sweep| sweep.cases);
-    for case in accuracy_cases().into_iter().chain(unknown_cases()).chain(swept) {
+    for case in accuracy_cases().into_iter().chain(unknown_cases()).chain([speed_head()]).chain(swept) {
         if wanted.is_empty() || wanted.iter().any(|part| case.name.contains(part.as_str())) {
             println!("{}", case.write(&folder)?.display());
         }

@@ -492,6 +492,14 @@ pub fn unknown_cases() -> Vec<Case> {
     cases
 }
 
+/// The scan that speed is measured on: the femoral head alone, a million points, seed 1; what is cut from it is exact and
+/// stands on the command line.
+pub fn speed_head() -> Case {
+    let scan = ScanOptions::regular(1_000_000, 1);
+    let leaves = vec![leaf("femur", femoral_head(1.0), scan)];
+    Case::new("speed_head", "A femoral head of a million points", leaves, "femur", view_from([2.4, -2.6, 1.6]))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
