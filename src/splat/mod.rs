@@ -11,6 +11,8 @@ pub mod ewa;
 pub mod fragment;
 pub mod frame;
 #[cfg(test)]
+mod moved_tests;
+#[cfg(test)]
 mod paper_tests;
 pub mod project;
 pub mod rows;
