@@ -20,7 +20,6 @@ use glam::DVec3;
 
 use crate::csg::residual::Membership;
 use crate::geometry::exact::Exact;
-use crate::geometry::neighbours::Neighbours;
 use crate::geometry::winding::{Element, Winding};
 use crate::scene::LeafKind;
 use crate::surfel::SurfelCloud;
@@ -42,10 +41,7 @@ const PLANE_MARGIN: f32 = 0.25;
 pub struct LeafField {
     /// Its surfels.
     pub cloud: SurfelCloud,
-    /// Over the surfels' centres.
-    pub search: Neighbours,
-    /// Over the surfels' supports.
-    pub supports: BallTree,
+    tree: BallTree,
     /// Where the leaf is represented as itself.
     pub exact: Option<Exact>,
     /// Solid or sheet.
@@ -63,10 +59,32 @@ struct Inside {
 impl LeafField {
     /// Over `cloud`; `exact` where the leaf is an analytic solid or a mesh that is to be asked exactly.
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
-        let search = cloud.neighbours();
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
-        let supports = BallTree::new(&cloud);
-        Self { cloud, search, supports, exact, kind, winding }
+        let tree = BallTree::new(&cloud);
+        Self { cloud, tree, exact, kind, winding }
+    }
+
+    /// The surfel whose centre is nearest to `p_in_world`, and its distance; `None` without surfels, or where the point is not
+    /// finite.
+    pub fn nearest(&self, p_in_world: DVec3) -> Option<(u32, f32)> {
+        let mut found = Vec::with_capacity(1);
+        self.nearest_k(p_in_world, 1, &mut found);
+        found.first().copied()
+    }
+
+    /// Fills `found` with the `k` surfels whose centres are nearest to `p_in_world`: index and distance, nearest first.
+    pub fn nearest_k(&self, p_in_world: DVec3, k: usize, found: &mut Vec<(u32, f32)>) {
+        self.tree.nearest_k(&self.cloud, p_in_world, k, found);
+    }
+
+    /// Fills `found` with the surfels whose support balls meet a ball: index and distance of the centres, by index.
+    pub fn touching(&self, centre_in_world: DVec3, radius: f64, found: &mut Vec<(u32, f32)>) {
+        self.tree.touching(&self.cloud, centre_in_world, radius, found);
+    }
+
+    /// How far `p_in_world` is from the nearest ball of `share` times its surfel's radius; negative within one.
+    pub fn clearance(&self, p_in_world: DVec3, share: f32) -> f32 {
+        self.tree.clearance(&self.cloud, p_in_world, share)
     }
 
     /// Whether the leaf can decide anything about others' surfels by its own (a solid that is not exact).
@@ -85,13 +103,10 @@ impl LeafField {
                 false => Membership::Near,
             };
         }
-        if self.supports.touches(centre_in_world, radius) {
+        if self.tree.touches(&self.cloud, centre_in_world, radius) {
             return Membership::Near;
         }
-        match self.search.nearest_in_world(centre_in_world) {
-            Some((nearest, _)) => side(self.far_inside(centre_in_world, nearest)),
-            None => Membership::Out,
-        }
+        side(self.far_inside(centre_in_world))
     }
 
     /// How the ball of one surfel lies to this leaf: tighter than [`ball`](Self::ball), which said `Near`.
@@ -100,12 +115,9 @@ impl LeafField {
         if self.exact.is_some() || self.kind == LeafKind::Sheet {
             return self.ball(centre_in_world, f64::from(radius));
         }
-        self.supports.touching(centre_in_world, f64::from(radius), found);
+        self.tree.touching(&self.cloud, centre_in_world, f64::from(radius), found);
         let Some(&(nearest, _)) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))) else {
-            return match self.search.nearest_in_world(centre_in_world) {
-                Some((nearest, _)) => side(self.far_inside(centre_in_world, nearest)),
-                None => Membership::Out,
-            };
+            return side(self.far_inside(centre_in_world));
         };
         let height = |t: u32| {
             let e = (centre_in_world - self.cloud.centre(t as usize)).as_vec3();
@@ -129,7 +141,7 @@ impl LeafField {
         if let Some(exact) = &self.exact {
             return exact.contains(p_in_world);
         }
-        self.supports.touching(p_in_world, 0.0, found);
+        self.tree.touching(&self.cloud, p_in_world, 0.0, found);
         let (mut weights, mut values) = (0.0_f32, 0.0_f32);
         for &(t, _) in found.iter() {
             let surfel = &self.cloud.surfels[t as usize];
@@ -142,26 +154,28 @@ impl LeafField {
         if weights > 0.0 {
             return values < 0.0;
         }
-        self.search.nearest_in_world(p_in_world).is_some_and(|(nearest, _)| self.far_inside(p_in_world, nearest))
+        self.far_inside(p_in_world)
     }
 
-    /// The side of a point that no surfel reaches, given its nearest one.
-    pub fn far_inside(&self, p_in_world: DVec3, nearest: u32) -> bool {
-        self.far_side(p_in_world, nearest).inside
+    /// The side of a point that no surfel reaches.
+    pub fn far_inside(&self, p_in_world: DVec3) -> bool {
+        self.far_side(p_in_world).inside
     }
 
     /// As [`far_inside`](Self::far_inside), with how far around the point it holds.
-    pub fn far_side(&self, p_in_world: DVec3, nearest: u32) -> FarSide {
-        match &self.winding {
-            Some(inside) => {
-                let level = 0.5 * inside.winding.at(p_in_world) / inside.threshold;
-                FarSide { inside: level > 0.5, steady_share: steady_share(level.min(1.0 - level)) }
-            }
-            None => {
-                let e = (p_in_world - self.cloud.centre(nearest as usize)).as_vec3();
-                // A plane goes on beyond its disk, so no distance from the surfels keeps a point on its side of it.
-                FarSide { inside: e.dot(self.cloud.surfels[nearest as usize].normal) < 0.0, steady_share: 0.0 }
-            }
+    pub fn far_side(&self, p_in_world: DVec3) -> FarSide {
+        if let Some(inside) = &self.winding {
+            let level = 0.5 * inside.winding.at(p_in_world) / inside.threshold;
+            return FarSide { inside: level > 0.5, steady_share: steady_share(level.min(1.0 - level)) };
+        }
+        let before_plane = |nearest: u32| {
+            let e = (p_in_world - self.cloud.centre(nearest as usize)).as_vec3();
+            e.dot(self.cloud.surfels[nearest as usize].normal) < 0.0
+        };
+        // A plane goes on beyond its disk, so no distance from the surfels keeps a point on its side of it.
+        FarSide {
+            inside: self.nearest(p_in_world).is_some_and(|(nearest, _)| before_plane(nearest)),
+            steady_share: 0.0,
         }
     }
 }

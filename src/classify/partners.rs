@@ -200,7 +200,7 @@ fn search_one(
     let own = &model.fields[s.leaf.0 as usize].cloud;
     let radius = own.surfels[s.index as usize].radius;
     let other = &model.fields[leaf.0 as usize];
-    other.supports.touching(own.centre(s.index as usize), f64::from(radius), scratch);
+    other.touching(own.centre(s.index as usize), f64::from(radius), scratch);
     let first = partners.len();
     for &(index, distance) in scratch.iter() {
         let t = SurfelId { leaf, index };

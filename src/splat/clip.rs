@@ -245,10 +245,9 @@ impl Clipper<'_> {
                 }
             }
             Some(_) => {
-                let at = field.search.offset(near_x);
                 match self.of.settings.inside {
-                    Inside::Nearest | Inside::TwoNearest => field.search.nearest_k(at, 2, &mut scratch.found),
-                    _ => field.supports.touching(near_x, 0.0, &mut scratch.found),
+                    Inside::Nearest | Inside::TwoNearest => field.nearest_k(near_x, 2, &mut scratch.found),
+                    _ => field.touching(near_x, 0.0, &mut scratch.found),
                 }
                 scratch.disks.clear();
                 let disk = |&(t, _): &(u32, f32)| disk_of(field, t, |c| (c - centre).as_vec3());
@@ -259,7 +258,7 @@ impl Clipper<'_> {
             }
             None => {}
         }
-        field.search.nearest_in_world(near_x).is_some_and(|(nearest, _)| field.far_inside(near_x, nearest))
+        field.far_inside(near_x)
     }
 
     #[inline]

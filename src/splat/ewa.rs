@@ -254,7 +254,9 @@ mod tests {
         let view = View::new(camera);
         let rect = PixelRect { x0: 0, y0: 0, x1: SIZE, y1: SIZE };
         let look = project::LeafLook { colour: None, opacity: 1.0, class: Class::default() };
-        let surfel = view.surfel(&cloud, 0, rect, 2.5, look).unwrap();
+        let sight = view.sight(&cloud, 0);
+        let bounds = view.bounds(sight.centre, f64::from(radius)).unwrap();
+        let surfel = view.surfel((&cloud, 0), &sight, &bounds, (rect, 2.5), look);
         (view, surfel, rect)
     }
 

@@ -20,7 +20,8 @@ use glam::{DVec2, Vec2, Vec3};
 
 use super::clip::{ClipScratch, Clipper};
 use super::ewa::{self, Splat};
-use super::surface::{self, Hit, Run, Tile};
+use super::hits::{BlockHits, Hit, finish_ray};
+use super::surface::{self, Run, Tile};
 use crate::classify::Drawn;
 use crate::csg::LeafId;
 use crate::csg::residual::Crossing;
@@ -90,12 +91,9 @@ pub fn trace_block(
     clipper: &Clipper<'_>,
     splats: &[Splat],
     runs: &[Run<'_>],
-    corner: (u32, u32),
-    side: u32,
-    offset: DVec2,
+    (corner, side, offset): ((u32, u32), u32, DVec2),
     scratch: &mut FragmentScratch,
-    hits: &mut Vec<Hit>,
-    ends: &mut Vec<u32>,
+    out: &mut BlockHits,
 ) {
     scratch.pixels.resize_with((side * side) as usize, Vec::new);
     scratch.pixels.iter_mut().for_each(Vec::clear);
@@ -106,10 +104,10 @@ pub fn trace_block(
         if !fragments.is_empty() {
             fragments.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.surfel.cmp(&b.surfel)));
             resolve(tile, clipper, splats, fragments, (at.0, at.1, offset), scratch);
-            surface::finish_lane(&mut scratch.hits, tile.limit == LayerLimit::Nearest);
-            hits.append(&mut scratch.hits);
+            finish_ray(&mut scratch.hits, tile.limit == LayerLimit::Nearest);
         }
-        ends.push(hits.len() as u32);
+        out.push(&scratch.hits);
+        scratch.hits.clear();
     }
     scratch.pixels = pixels;
 }
@@ -255,7 +253,7 @@ fn resolve(
         let share = 1.0 / g.weight;
         let t = g.mean_depth();
         let index = tile.surfels[g.heaviest.1 as usize].index as usize;
-        let body = surface::body_behind(tile, g.leaf, g.crossing, index, |leaf| {
+        let body = surface::body_behind(tile.model, g.leaf, g.crossing, index, |leaf| {
             let p = surface::ray_of(tile, at, 0).at(tile.anchor + f64::from(t));
             tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
         });

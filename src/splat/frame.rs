@@ -1,41 +1,39 @@
-//! One frame of the surfel pipeline: which surfels touch which tile, and a tile's boundaries on demand.
+//! One frame of the surfel pipeline: a tile's boundaries on demand.
 //!
 //! # Practice
-//! Binning looks only at support balls (a projection and four bounds); a tile computes the rest of a surfel's view when it
-//! is drawn, so that memory is eight bytes a surfel and tile, not a hundred and fifty. Within a tile, surfels are ordered
-//! by leaf and, within a leaf, those that rays can *enter* come first: most of what they hide is then skipped by depth
-//! without sorting.
+//! A tile first *settles* what it can ([`super::settle`]); the rays of what is left are traced block by block
+//! ([`super::surface`], or [`super::fragment`] as in the paper). Within a leaf, surfels that rays can *enter* come first: most
+//! of what they hide is then skipped by depth without sorting.
 
 use std::borrow::Cow;
+use std::cell::Cell;
+use std::ops::Range;
 
 use fearless_simd::{Level, Simd};
 use glam::DVec2;
 use rayon::prelude::*;
 
+use super::bins::{self, BLOCK, Bins, BlockSet, Blocks, Member, Members};
 use super::clip::Clipping;
 use super::clip_buffer;
 use super::ewa::{self, Splat};
 use super::fragment::{self, FragmentScratch};
-use super::project::{LeafLook, View, ViewSurfel};
+use super::hits::{BlockHits, Hit};
+use super::project::{Bounds, LeafLook, View, ViewSurfel};
 use super::rows::{LANES, Span};
 use super::settings::{Clip, Partners, SplatSettings};
-use super::surface::{self, Hit, Run, Scratch, SideCache, Tile};
+use super::settle::{Owner, Patch, Settled};
+use super::surface::{self, Run, Scratch, SideCache, Tile};
 use crate::classify::partners::{Among, PartnerLists};
-use crate::classify::{Class, Model};
+use crate::classify::{Class, Drawn, Model};
 use crate::csg::LeafId;
+use crate::csg::residual::Crossing;
 use crate::layers::{Boundary, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
+use crate::scene::LeafKind;
 use crate::space::{Camera, PixelRect};
-use crate::surfel::CHUNK;
 
-/// Blocks are this many pixels a side: a row of lanes wide.
-const BLOCK: u32 = LANES as u32;
-
-/// A surfel in a tile's list.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Member {
-    leaf: u32,
-    index: u32,
-}
+/// Pixels of a block.
+const BLOCK_AREA: usize = (BLOCK * BLOCK) as usize;
 
 /// A frame of a classified scene.
 pub struct Frame<'a> {
@@ -43,10 +41,7 @@ pub struct Frame<'a> {
     view: View,
     limit: LayerLimit,
     samples: u32,
-    across: u32,
-    /// Where each tile's members start; one more than there are tiles.
-    starts: Vec<u32>,
-    members: Vec<Member>,
+    bins: Bins,
     level: Level,
     settings: SplatSettings,
     /// Where the settings ask for partners.
@@ -65,42 +60,9 @@ impl<'a> Frame<'a> {
         settings: SplatSettings,
         partners: Option<&'a PartnerLists>,
     ) -> Self {
-        let across = camera.width.div_ceil(TILE_SIDE);
-        let down = camera.height.div_ceil(TILE_SIDE);
         let view = View::new(camera);
-        let margin_px = margin_px(settings);
-        // Step 1: each chunk's surfels by tile, in order.
-        let chunks: Vec<(u32, u32)> = (0..model.fields.len())
-            .flat_map(|leaf| (0..model.fields[leaf].cloud.chunks.len()).map(move |c| (leaf as u32, c as u32)))
-            .collect();
-        const CHUNKS_A_TASK: usize = 64;
-        let binned: Vec<Vec<(u32, Member)>> = chunks
-            .par_chunks(CHUNKS_A_TASK)
-            .map(|task| {
-                let mut entries = Vec::with_capacity(task.len() * CHUNK);
-                for &(leaf, chunk) in task {
-                    bin_chunk(model, &view, (leaf, chunk as usize), across, down, margin_px, &mut entries);
-                }
-                entries
-            })
-            .collect();
-        // Step 2: count, then place; tasks in order, so the lists do not depend on threads.
-        let mut starts = vec![0_u32; (across * down) as usize + 1];
-        for (tile, _) in binned.iter().flatten() {
-            starts[*tile as usize + 1] += 1;
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut next = starts.clone();
-        let mut members = vec![Member { leaf: 0, index: 0 }; starts[starts.len() - 1] as usize];
-        for (tile, member) in binned.into_iter().flatten() {
-            let place = &mut next[tile as usize];
-            members[*place as usize] = member;
-            *place += 1;
-        }
-        let level = Level::new();
-        let mut frame = Self { model, view, limit, samples, across, starts, members, level, settings, clipping: None };
+        let bins = Bins::new(model, &view, margin_px(settings));
+        let mut frame = Self { model, view, limit, samples, bins, level: Level::new(), settings, clipping: None };
         frame.clipping = settings.partners_among().map(|among| {
             let lists = match (settings.partners, partners) {
                 (Partners::ObjectSpace, Some(kept)) if kept.among() == among => Cow::Borrowed(kept),
@@ -123,75 +85,360 @@ impl<'a> Frame<'a> {
         let pairs = PixelRect::tiles(camera.width, camera.height, TILE_SIDE)
             .into_par_iter()
             .flat_map_iter(|rect| {
-                let (tile, leaves) = self.tile(rect, |class| clip_buffer::takes_part(class, among));
+                let members = self.bins.of(rect);
+                let anchor = bins::anchor_of(&members, self.model, &self.view);
+                let everywhere = BlockSet::new(rect, true);
+                let takes_part = |class| clip_buffer::takes_part(class, among);
+                let (tile, leaves) = self.tile(rect, anchor, &members.all(), &everywhere, takes_part);
                 clip_buffer::pairs_of_tile(&tile, &leaves, among)
             })
             .collect();
         PartnerLists::from_pairs(among, self.model.fields.len(), pairs)
     }
 
-    /// The members of every tile that `rect` touches, by leaf and index, each once.
-    fn members_of(&self, rect: PixelRect) -> Vec<Member> {
-        let (tx0, ty0) = (rect.x0 / TILE_SIDE, rect.y0 / TILE_SIDE);
-        let (tx1, ty1) = ((rect.x1 - 1) / TILE_SIDE, (rect.y1 - 1) / TILE_SIDE);
-        let mut members = Vec::new();
-        for ty in ty0..=ty1 {
-            for tx in tx0..=tx1 {
-                let tile = (ty * self.across + tx) as usize;
-                members.extend_from_slice(&self.members[self.starts[tile] as usize..self.starts[tile + 1] as usize]);
-            }
-        }
-        if (tx0, ty0) != (tx1, ty1) {
-            members.sort_unstable();
-            members.dedup();
-        }
-        members
+    fn look(&self, member: Member) -> LeafLook {
+        let look = self.model.looks[member.leaf as usize];
+        let class = self.model.classes[member.leaf as usize].classes[member.index as usize];
+        LeafLook { colour: look.colour, opacity: look.opacity, class }
     }
 
-    /// The surfels of `rect` whose class is `wanted`, without partners, and where those of each leaf are.
+    /// Those of `members` that may touch one of `blocks` and whose class is `wanted`, ready for the kernels.
     fn tile(
         &self,
         rect: PixelRect,
+        anchor: f64,
+        members: &[Member],
+        blocks: &BlockSet,
         wanted: impl Fn(Class) -> bool,
-    ) -> (Tile<'_>, Vec<(LeafId, std::ops::Range<usize>)>) {
-        let members = self.members_of(rect);
-        // The anchor only has to be of the surfels' depth: f32 then resolves the tile's depths to 1e-7 of their spread.
-        let anchor = members.first().map_or(0.0, |m| {
-            self.view.point(self.model.fields[m.leaf as usize].cloud.centre(m.index as usize)).z.max(0.0)
-        });
-        let mut surfels: Vec<ViewSurfel> = Vec::with_capacity(members.len());
+    ) -> (Tile<'_>, Vec<(LeafId, Range<usize>)>) {
+        let margin = f64::from(margin_px(self.settings));
+        let mut surfels: Vec<ViewSurfel> = Vec::new();
         let mut leaves = Vec::new();
         let mut leaving: Vec<ViewSurfel> = Vec::new();
         for of_leaf in members.chunk_by(|a, b| a.leaf == b.leaf) {
             let leaf = of_leaf[0].leaf as usize;
-            let look = self.model.looks[leaf];
             let cloud = &self.model.fields[leaf].cloud;
             let first = surfels.len();
             for m in of_leaf {
-                let class = self.model.classes[leaf].classes[m.index as usize];
-                if !wanted(class) {
+                let (index, look) = (m.index as usize, self.look(*m));
+                if !wanted(look.class) {
                     continue;
                 }
-                let look = LeafLook { colour: look.colour, opacity: look.opacity, class };
-                if let Some(s) = self.view.surfel(cloud, m.index as usize, rect, anchor, look) {
+                let sight = self.view.sight(cloud, index);
+                let radius = cloud.surfels[index].radius;
+                let Some(b) = self.view.rough_bounds(&sight, radius).map(|b| b.from_corner(rect)) else { continue };
+                let across = ((b.left - margin) as f32, (b.right + margin) as f32);
+                let down = ((b.top - margin) as f32, (b.bottom + margin) as f32);
+                if blocks.meets(across, down)
+                    && let Some(b) = self.view.bounds(sight.centre, f64::from(radius)).map(|b| b.from_corner(rect))
+                {
+                    let s = self.view.surfel((cloud, index), &sight, &b, (rect, anchor), look);
                     if s.may_enter { surfels.push(s) } else { leaving.push(s) }
                 }
             }
             surfels.append(&mut leaving);
             leaves.push((LeafId(leaf as u32), first..surfels.len()));
         }
-        let spans = surfels.iter().map(Span::of).collect();
         let tile = Tile {
             model: self.model,
             view: &self.view,
             rect,
             anchor,
-            spans,
+            spans: surfels.iter().map(Span::of).collect(),
             surfels,
             limit: self.limit,
             clipper: None,
         };
         (tile, leaves)
+    }
+
+    /// Whether pixels can be settled at all: only the nearest boundary is wanted, and whole surfaces do not depend on how
+    /// edges are clipped.
+    fn settles(&self) -> bool {
+        self.limit == LayerLimit::Nearest && self.settings.clip == Clip::Surface
+    }
+
+    /// What of a tile can be scattered.
+    fn scatter(&self, rect: PixelRect, anchor: f64, members: &Members<'_>, scattered: &mut Scattered) {
+        scattered.clear();
+        for m in members.near.iter() {
+            let (leaf, index) = (LeafId(m.leaf), m.index as usize);
+            let field = &self.model.fields[m.leaf as usize];
+            let look = self.look(*m);
+            let Some(drawn) = look.class.drawn() else { continue };
+            let surfel = &field.cloud.surfels[index];
+            let sight = self.view.sight(&field.cloud, index);
+            let mut patch = || {
+                let Drawn::Surface(crossing) = drawn else { return None };
+                let opaque = look.opacity_of(surfel) >= 1.0;
+                if !opaque || (sight.may_enter() && sight.may_leave()) {
+                    return None;
+                }
+                let front = sight.may_enter();
+                let outward = match (field.kind, crossing) {
+                    (LeafKind::Sheet, _) => front,
+                    (LeafKind::Solid, Crossing::Rises) => true,
+                    (LeafKind::Solid, Crossing::Falls) => false,
+                };
+                let mut decided = true;
+                let body = surface::body_behind(self.model, leaf, crossing, index, |_| {
+                    decided = false;
+                    true
+                });
+                if !decided {
+                    return None;
+                }
+                let owner = Owner { leaf: m.leaf, body, front, outward, exact: field.exact.is_some() };
+                let number = scattered.number_of(owner);
+                let shape = || self.view.shape(&field.cloud, index);
+                let at = (rect, anchor);
+                Patch::of(surfel, &sight, &self.view, at, shape, look.colour_of(surfel), (owner, number))
+            };
+            match patch() {
+                Some(patch) => scattered.patches.push(patch),
+                None => scattered.blockers.extend(self.blocker(rect, anchor, *m)),
+            }
+        }
+    }
+
+    /// Where in a tile a surfel may show, and its nearest depth.
+    fn blocker(&self, rect: PixelRect, anchor: f64, m: Member) -> Option<(Bounds, f32)> {
+        let cloud = &self.model.fields[m.leaf as usize].cloud;
+        let radius = cloud.surfels[m.index as usize].radius;
+        let sight = self.view.sight(cloud, m.index as usize);
+        let bounds = self.view.rough_bounds(&sight, radius)?;
+        Some((bounds.from_corner(rect), (sight.centre.z - f64::from(radius) - anchor) as f32))
+    }
+}
+
+/// One tile being drawn.
+#[derive(Clone, Copy)]
+struct TilePass<'a> {
+    frame: &'a Frame<'a>,
+    rect: PixelRect,
+    anchor: f64,
+    members: &'a Members<'a>,
+}
+
+/// What of a tile is scattered, and what blocks it.
+#[derive(Debug, Default)]
+struct Scattered {
+    patches: Vec<Patch>,
+    owners: Vec<Owner>,
+    blockers: Vec<(Bounds, f32)>,
+    /// The same of the far members, once they are asked for.
+    far: Option<Vec<(Bounds, f32)>>,
+}
+
+impl Scattered {
+    /// Forgets everything, but keeps the memory.
+    fn clear(&mut self) {
+        self.patches.clear();
+        self.owners.clear();
+        self.blockers.clear();
+        self.far = None;
+    }
+
+    /// The index of `owner`.
+    fn number_of(&mut self, owner: Owner) -> u32 {
+        let known = self.owners.iter().rposition(|&o| o == owner);
+        known.unwrap_or_else(|| {
+            self.owners.push(owner);
+            self.owners.len() - 1
+        }) as u32
+    }
+
+    /// Finds what is settled at `offset` within the pixels.
+    fn settle(&mut self, of: &TilePass<'_>, offset: DVec2, settled: &mut Settled) {
+        let TilePass { frame, rect, anchor, members } = *of;
+        settled.scatter(frame.level, rect, offset, &self.patches, &self.owners);
+        self.blockers.iter().for_each(|(bounds, depth)| settled.block(bounds, *depth));
+        if f64::from(settled.deepest()) >= members.far_from - anchor {
+            let far = self
+                .far
+                .get_or_insert_with(|| members.far.iter().filter_map(|m| frame.blocker(rect, anchor, *m)).collect());
+            far.iter().for_each(|(bounds, depth)| settled.block(bounds, *depth));
+        }
+        settled.settle(|owner, (x, y), t, within| {
+            let exact = frame.model.fields[owner.leaf as usize].exact.as_ref()?;
+            let px = DVec2::new(f64::from(rect.x0 + x), f64::from(rect.y0 + y)) + offset;
+            let ray = frame.view.camera.ray(px);
+            let hit = exact.nearest_crossing(&ray, anchor + f64::from(t), f64::from(within), owner.front)?;
+            let normal = frame.view.camera.rotate_to_view(hit.normal_in_world).as_vec3();
+            (hit.t > 0.0).then_some(((hit.t - anchor) as f32, normal))
+        });
+    }
+}
+
+/// What the rays of a set of blocks may meet.
+struct Traced<'a> {
+    set: BlockSet,
+    tile: Tile<'a>,
+    blocks: Blocks,
+    /// As the paper draws them; empty where surfaces are clipped.
+    splats: Vec<Splat>,
+}
+
+impl<'a> Traced<'a> {
+    fn new(of: &TilePass<'a>, set: BlockSet) -> Self {
+        let TilePass { frame, rect, anchor, members } = *of;
+        let (mut tile, leaves) = frame.tile(rect, anchor, &members.all(), &set, |_| true);
+        tile.clipper = frame.clipping.as_ref().map(|clipping| clipping.of_tile(&tile.surfels, &leaves));
+        let splat = |s: &ViewSurfel| Splat::of(s, &frame.view, (rect.x0, rect.y0), anchor);
+        let splats = match frame.settings.clip {
+            Clip::Fragment => tile.surfels.iter().map(splat).collect(),
+            Clip::Surface => Vec::new(),
+        };
+        let blocks = Blocks::of(&set, &tile.surfels, &leaves, margin_px(frame.settings));
+        Self { set, tile, blocks, splats }
+    }
+}
+
+/// What a thread keeps from tile to tile: memory that is fresh costs more than what is written to it.
+#[derive(Debug, Default)]
+struct Kept {
+    scattered: Scattered,
+    settled: Settled,
+}
+
+thread_local! {
+    static KEPT: Cell<Option<Box<Kept>>> = const { Cell::new(None) };
+}
+
+/// Draws one tile at one place within the pixels after the other, keeping what does not depend on the place.
+struct TileTracer<'a> {
+    of: TilePass<'a>,
+    kept: Box<Kept>,
+    traced: Option<Traced<'a>>,
+    sides: SideCache,
+    fragments: FragmentScratch,
+}
+
+impl<'a> TileTracer<'a> {
+    fn new(of: TilePass<'a>) -> Self {
+        let frame = of.frame;
+        let mut kept = KEPT.take().unwrap_or_default();
+        if frame.settles() {
+            frame.scatter(of.rect, of.anchor, of.members, &mut kept.scattered);
+        }
+        Self {
+            of,
+            kept,
+            traced: None,
+            sides: SideCache::new(frame.model.fields.len()),
+            fragments: FragmentScratch::default(),
+        }
+    }
+
+    /// Calls `each` with what every block of `set` shows at `offset` within its pixels.
+    fn trace(&mut self, set: &BlockSet, offset: DVec2, mut each: impl FnMut(usize, Seen<'_>)) {
+        let frame = self.of.frame;
+        // Step 1: settle what can be.
+        let Kept { scattered, settled } = &mut *self.kept;
+        let settled = frame.settles().then(|| {
+            scattered.settle(&self.of, offset, settled);
+            &*settled
+        });
+        // Step 2: make ready the surfels that the other blocks' rays may meet, or, where those of an earlier place do not
+        // serve, those of all blocks, so that they serve all places that follow.
+        let mut open = BlockSet::new(self.of.rect, false);
+        for block in set.iter() {
+            match settled {
+                Some(settled) if settled.is_block_settled(set.corner(block)) => each(block, Seen::Settled(settled)),
+                _ => open.insert(block),
+            }
+        }
+        if open.is_empty() {
+            return;
+        }
+        let known = self.traced.take();
+        let wanted = if known.is_none() { &open } else { set };
+        let known = known.filter(|traced| traced.set.holds(&open));
+        let traced = self.traced.insert(known.unwrap_or_else(|| Traced::new(&self.of, wanted.clone())));
+        // Step 3: trace them block by block.
+        let Traced { tile, blocks, splats, .. } = traced;
+        let mut hits = BlockHits::default();
+        for block in open.iter() {
+            hits.clear();
+            let corner = set.corner(block);
+            let runs: Vec<Run<'_>> = blocks
+                .runs(block)
+                .map(|(leaf, members)| {
+                    let entering = members.partition_point(|&m| tile.surfels[m as usize].may_enter);
+                    Run { leaf, members, entering }
+                })
+                .collect();
+            match &tile.clipper {
+                Some(clipper) if frame.settings.clip == Clip::Fragment => {
+                    let at = (corner, BLOCK, offset);
+                    fragment::trace_block(tile, clipper, splats, &runs, at, &mut self.fragments, &mut hits);
+                }
+                _ => trace_surfaces(frame.level, tile, &runs, (corner, offset), settled, &mut self.sides, &mut hits),
+            }
+            let surfels = || runs.iter().flat_map(|run| run.members).map(|&m| &tile.surfels[m as usize]);
+            let edge_on = |s: &ViewSurfel| s.class.drawn().is_some() && s.may_enter && s.may_leave;
+            let may_be_crossed = surfels().any(|s| s.class.is_edge() || edge_on(s));
+            each(block, Seen::Traced { hits: &hits, may_be_crossed });
+        }
+    }
+}
+
+/// What a block shows at one place within its pixels.
+enum Seen<'a> {
+    /// All its pixels are settled.
+    Settled(&'a Settled),
+    /// Hits, and whether an edge or a silhouette may run between them.
+    Traced { hits: &'a BlockHits, may_be_crossed: bool },
+}
+
+/// [`trace_block`] with the best instructions at hand. Two sets on x86-64, not all four that could be told apart: each is
+/// another copy of every kernel, and half of the crate's build time.
+fn trace_surfaces(
+    level: Level,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    at: ((u32, u32), DVec2),
+    settled: Option<&Settled>,
+    sides: &mut SideCache,
+    out: &mut BlockHits,
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(avx2) = level.as_avx2() {
+            avx2.vectorize(
+                #[inline(always)]
+                || trace_block(avx2, tile, runs, at, settled, sides, out),
+            );
+        } else if let Some(sse2) = level.as_sse2() {
+            sse2.vectorize(
+                #[inline(always)]
+                || trace_block(sse2, tile, runs, at, settled, sides, out),
+            );
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, at, settled, sides, out));
+}
+
+#[inline(always)]
+fn trace_block<S: Simd>(
+    simd: S,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    (corner, offset): ((u32, u32), DVec2),
+    settled: Option<&Settled>,
+    sides: &mut SideCache,
+    out: &mut BlockHits,
+) {
+    let mut scratch = Scratch::<S>::default();
+    let mut lanes: [Vec<Hit>; LANES] = Default::default();
+    for y in corner.1..corner.1 + BLOCK {
+        if y < tile.rect.height() {
+            surface::trace_row(simd, tile, runs, (corner.0, y, offset), settled, sides, &mut scratch, &mut lanes);
+        } else {
+            lanes.iter_mut().for_each(Vec::clear);
+        }
+        lanes.iter().for_each(|lane| out.push(lane));
     }
 }
 
@@ -201,172 +448,6 @@ fn margin_px(settings: SplatSettings) -> f32 {
     let flat = settings.clip == Clip::Fragment
         || (settings.partners == Partners::ClipBuffer && settings.partners_among().is_some());
     if flat { ewa::REACH_PX } else { 0.0 }
-}
-
-/// Appends the needed surfels of one chunk, (leaf, chunk), to the tiles that their balls touch, or come within `margin_px`
-/// of.
-fn bin_chunk(
-    model: &Model,
-    view: &View,
-    (leaf, chunk): (u32, usize),
-    across: u32,
-    down: u32,
-    margin_px: f32,
-    entries: &mut Vec<(u32, Member)>,
-) {
-    let field = &model.fields[leaf as usize];
-    let cloud = &field.cloud;
-    let of_chunk = &cloud.chunks[chunk];
-    let ball = f64::from(of_chunk.extent) + f64::from(of_chunk.largest_radius);
-    if view.bounds(view.point(of_chunk.origin + of_chunk.centre.as_dvec3()), ball).is_none() {
-        return;
-    }
-    let classes = &model.classes[leaf as usize].classes;
-    let first = chunk * CHUNK;
-    let last = (first + CHUNK).min(cloud.len());
-    for index in (first..last).filter(|&index| classes[index].is_needed()) {
-        let radius = f64::from(cloud.surfels[index].radius);
-        let Some(b) = view.bounds(view.point(cloud.centre(index)), radius) else { continue };
-        // Float to integer casts saturate, so infinite bounds become the picture's.
-        let tile = |px: f64, most: u32| ((px / f64::from(TILE_SIDE)).floor().max(0.0) as u32).min(most);
-        let margin = f64::from(margin_px);
-        let (x0, x1) = (tile(b.left - margin, across - 1), tile(b.right + margin, across - 1));
-        let (y0, y1) = (tile(b.top - margin, down - 1), tile(b.bottom + margin, down - 1));
-        for ty in y0..=y1 {
-            for tx in x0..=x1 {
-                entries.push((ty * across + tx, Member { leaf, index: index as u32 }));
-            }
-        }
-    }
-}
-
-/// The surfels of a tile by block of pixels: for each block, runs of one leaf.
-struct Blocks {
-    across: u32,
-    /// Per block: (leaf, start, end) into `members`.
-    runs: Vec<Vec<(LeafId, u32, u32)>>,
-    members: Vec<u32>,
-}
-
-impl Blocks {
-    /// Of a tile whose surfels are drawn up to `margin_px` outside of their balls.
-    fn of(tile: &Tile<'_>, leaves: &[(LeafId, std::ops::Range<usize>)], margin_px: f32) -> Self {
-        let across = tile.rect.width().div_ceil(BLOCK);
-        let down = tile.rect.height().div_ceil(BLOCK);
-        let count = (across * down) as usize;
-        let span = |low: f32, high: f32, most: u32| {
-            // The blocks that hold a pixel centre between `low` and `high`.
-            let block = |px: f32| (px / BLOCK as f32).floor().max(0.0) as u32;
-            (block(low - 1.0 - margin_px), block(high + 1.0 + margin_px).min(most - 1))
-        };
-        let each = |index: usize, f: &mut dyn FnMut(usize)| {
-            let s = &tile.surfels[index];
-            let (x0, x1) = span(s.left, s.right, across);
-            let (y0, y1) = span(s.top, s.bottom, down);
-            for y in y0..=y1 {
-                for x in x0..=x1 {
-                    f((y * across + x) as usize);
-                }
-            }
-        };
-        // Counting sort by block; leaves stay in order within a block.
-        let mut starts = vec![0_u32; count + 1];
-        for index in 0..tile.surfels.len() {
-            each(index, &mut |block| starts[block + 1] += 1);
-        }
-        for i in 1..=count {
-            starts[i] += starts[i - 1];
-        }
-        let mut next = starts.clone();
-        let mut members = vec![0_u32; starts[count] as usize];
-        let mut runs: Vec<Vec<(LeafId, u32, u32)>> = vec![Vec::new(); count];
-        for (leaf, range) in leaves {
-            let before = next.clone();
-            for index in range.clone() {
-                each(index, &mut |block| {
-                    members[next[block] as usize] = index as u32;
-                    next[block] += 1;
-                });
-            }
-            for block in 0..count {
-                if next[block] > before[block] {
-                    runs[block].push((*leaf, before[block], next[block]));
-                }
-            }
-        }
-        Self { across, runs, members }
-    }
-}
-
-/// The hits of one block at one sample position: `hits[ranges[pixel]]`, pixels row by row.
-#[derive(Default)]
-struct BlockHits {
-    hits: Vec<Hit>,
-    ends: Vec<u32>,
-}
-
-impl BlockHits {
-    fn of(&self, pixel: usize) -> &[Hit] {
-        let start = if pixel == 0 { 0 } else { self.ends[pixel - 1] as usize };
-        &self.hits[start..self.ends[pixel] as usize]
-    }
-}
-
-/// [`trace_block`] with the best instructions at hand. Two sets on x86-64, not all four that could be told apart: each is
-/// another copy of every kernel, and half of the crate's build time.
-#[allow(clippy::too_many_arguments)]
-fn trace_surfaces(
-    level: Level,
-    tile: &Tile<'_>,
-    runs: &[Run<'_>],
-    corner: (u32, u32),
-    offset: DVec2,
-    sides: &mut SideCache,
-    out: &mut BlockHits,
-) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if let Some(avx2) = level.as_avx2() {
-            avx2.vectorize(
-                #[inline(always)]
-                || trace_block(avx2, tile, runs, corner, offset, sides, out),
-            );
-        } else if let Some(sse2) = level.as_sse2() {
-            sse2.vectorize(
-                #[inline(always)]
-                || trace_block(sse2, tile, runs, corner, offset, sides, out),
-            );
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, corner, offset, sides, out));
-}
-
-#[inline(always)]
-fn trace_block<S: Simd>(
-    simd: S,
-    tile: &Tile<'_>,
-    runs: &[Run<'_>],
-    corner: (u32, u32),
-    offset: DVec2,
-    sides: &mut SideCache,
-    out: &mut BlockHits,
-) {
-    out.hits.clear();
-    out.ends.clear();
-    let mut scratch = Scratch::<S>::default();
-    let mut lanes: [Vec<Hit>; LANES] = Default::default();
-    for y in corner.1..corner.1 + BLOCK {
-        if y < tile.rect.height() {
-            surface::trace_row(simd, tile, runs, (corner.0, y, offset), sides, &mut scratch, &mut lanes);
-        } else {
-            lanes.iter_mut().for_each(Vec::clear);
-        }
-        for lane in &lanes {
-            out.hits.extend_from_slice(lane);
-            out.ends.push(out.hits.len() as u32);
-        }
-    }
 }
 
 impl LayerSource for Frame<'_> {
@@ -379,93 +460,99 @@ impl LayerSource for Frame<'_> {
     }
 
     fn draw(&self, rect: PixelRect) -> LayerTile {
-        let (mut tile, leaves) = self.tile(rect, |_| true);
-        if tile.surfels.is_empty() {
+        let members = self.bins.of(rect);
+        if members.is_empty() {
             return LayerTile::empty(rect);
         }
-        tile.clipper = self.clipping.as_ref().map(|clipping| clipping.of_tile(&tile.surfels, &leaves));
-        let corner = (rect.x0, rect.y0);
-        let splats: Vec<Splat> = match self.settings.clip {
-            Clip::Fragment => tile.surfels.iter().map(|s| Splat::of(s, &self.view, corner, tile.anchor)).collect(),
-            Clip::Surface => Vec::new(),
+        let anchor = bins::anchor_of(&members, self.model, &self.view);
+        let mut tracer = TileTracer::new(TilePass { frame: self, rect, anchor, members: &members });
+        let record = |hit: &Hit, samples: u16| Boundary {
+            depth: (anchor + f64::from(hit.t)) as f32,
+            normal: self.view.normal_to_world(hit.normal),
+            colour: hit.colour,
+            opacity: hit.opacity,
+            leaf: hit.leaf,
+            body: hit.body,
+            facing: hit.facing,
+            samples,
         };
-        let mut scratch = FragmentScratch::default();
-        let mut sides = SideCache::new(self.model.fields.len());
-        let mut trace = |runs: &[Run<'_>], corner: (u32, u32), offset: DVec2, out: &mut BlockHits| match &tile.clipper {
-            Some(clipper) if self.settings.clip == Clip::Fragment => {
-                out.hits.clear();
-                out.ends.clear();
-                let BlockHits { hits, ends } = out;
-                fragment::trace_block(&tile, clipper, &splats, runs, corner, BLOCK, offset, &mut scratch, hits, ends);
-            }
-            _ => trace_surfaces(self.level, &tile, runs, corner, offset, &mut sides, out),
-        };
-        let blocks = Blocks::of(&tile, &leaves, margin_px(self.settings));
-        let offsets = sample_offsets(self.samples);
-        let centre = DVec2::splat(0.5);
-        let mut placed: Vec<(u32, Boundary)> = Vec::with_capacity(rect.area());
-        let mut traced = BlockHits::default();
+        let everywhere = BlockSet::new(rect, true);
         let all = ((1_u32 << self.samples) - 1) as u16;
-        for (block, runs) in blocks.runs.iter().enumerate() {
-            if runs.is_empty() {
-                continue;
+        // What each block shows; `None` where it is settled at the middle of its pixels.
+        let mut blocks: Vec<Option<LayerTile>> = vec![None; everywhere.count()];
+        let traced = |block: usize, hits: &BlockHits| {
+            everywhere.tile(block, |pixel, out| out.extend(hits.of(pixel).iter().map(|hit| record(hit, all))))
+        };
+        // Step 1: all blocks at the middle of their pixels, which does for those that an edge does not cross.
+        let mut crossed = BlockSet::new(rect, false);
+        tracer.trace(&everywhere, DVec2::splat(0.5), |block, seen| {
+            let corner = everywhere.corner(block);
+            match seen {
+                Seen::Settled(settled) if self.samples == 1 || settled.is_block_uniform(corner) => {}
+                Seen::Traced { hits, may_be_crossed }
+                    if self.samples == 1 || (!may_be_crossed && hits.is_uniform()) =>
+                {
+                    blocks[block] = Some(traced(block, hits))
+                }
+                _ => crossed.insert(block),
             }
-            let runs: Vec<Run<'_>> = runs
-                .iter()
-                .map(|&(leaf, start, end)| {
-                    let members = &blocks.members[start as usize..end as usize];
-                    let entering = members.partition_point(|&m| tile.surfels[m as usize].may_enter);
-                    Run { leaf, members, entering }
-                })
-                .collect();
-            let corner = (block as u32 % blocks.across * BLOCK, block as u32 / blocks.across * BLOCK);
-            let pixel_of = |lane: u32, row: u32| -> Option<u32> {
-                let (x, y) = (corner.0 + lane, corner.1 + row);
-                (x < rect.width() && y < rect.height()).then_some(y * rect.width() + x)
-            };
-            let record = |hit: &Hit, samples: u16| Boundary {
-                depth: (tile.anchor + f64::from(hit.t)) as f32,
-                normal: self.view.normal_to_world(hit.normal),
-                colour: hit.colour,
-                opacity: hit.opacity,
-                leaf: hit.leaf,
-                body: hit.body,
-                facing: hit.facing,
-                samples,
-            };
-            trace(&runs, corner, centre, &mut traced);
-            let live = |pixel: &usize| pixel_of(*pixel as u32 % BLOCK, *pixel as u32 / BLOCK).is_some();
-            if self.samples == 1 || is_uniform((0..(BLOCK * BLOCK) as usize).filter(live).map(|p| traced.of(p))) {
-                for pixel in 0..(BLOCK * BLOCK) as usize {
-                    if let Some(place) = pixel_of(pixel as u32 % BLOCK, pixel as u32 / BLOCK) {
-                        placed.extend(traced.of(pixel).iter().map(|hit| (place, record(hit, all))));
+        });
+        // Step 2: the others, every sample for itself.
+        if !crossed.is_empty() {
+            let mut merging: Vec<Vec<SampleMerger>> = vec![Vec::new(); crossed.count()];
+            for block in everywhere.iter() {
+                let corner = everywhere.corner(block);
+                if crossed.contains(block) {
+                    merging[block] = vec![SampleMerger::default(); BLOCK_AREA];
+                } else if blocks[block].is_none() {
+                    // Other places' sums will take the place of these.
+                    let settled = &tracer.kept.settled;
+                    let shown = |pixel: u32| settled.shown(corner.0 + pixel % BLOCK, corner.1 + pixel / BLOCK);
+                    blocks[block] =
+                        Some(everywhere.tile(block, |pixel, out| out.push(record(&shown(pixel as u32), all))));
+                }
+            }
+            for (sample, offset) in sample_offsets(self.samples).iter().enumerate() {
+                tracer.trace(&crossed, *offset, |block, seen| {
+                    let corner = everywhere.corner(block);
+                    for (pixel, merger) in merging[block].iter_mut().enumerate() {
+                        let (x, y) = (corner.0 + pixel as u32 % BLOCK, corner.1 + pixel as u32 / BLOCK);
+                        match seen {
+                            Seen::Settled(settled) if x < rect.width() && y < rect.height() => {
+                                merger.add(std::iter::once(record(&settled.shown(x, y), 1 << sample)));
+                            }
+                            Seen::Settled(_) => {}
+                            Seen::Traced { hits, .. } => {
+                                merger.add(hits.of(pixel).iter().map(|hit| record(hit, 1 << sample)))
+                            }
+                        }
                     }
-                }
-                continue;
+                });
             }
-            // An edge runs through the block: every sample for itself.
-            let mut merging: Vec<SampleMerger> = vec![SampleMerger::default(); (BLOCK * BLOCK) as usize];
-            for (sample, offset) in offsets.iter().enumerate() {
-                trace(&runs, corner, *offset, &mut traced);
-                for (pixel, merger) in merging.iter_mut().enumerate() {
-                    merger.add(traced.of(pixel).iter().map(|hit| record(hit, 1 << sample)));
-                }
-            }
-            for (pixel, merger) in merging.into_iter().enumerate() {
-                if let Some(place) = pixel_of(pixel as u32 % BLOCK, pixel as u32 / BLOCK) {
-                    placed.extend(merger.finish().into_iter().map(|boundary| (place, boundary)));
-                }
+            for block in crossed.iter() {
+                let merge = |pixel: usize, out: &mut Vec<Boundary>| {
+                    out.extend(std::mem::take(&mut merging[block][pixel]).finish());
+                };
+                blocks[block] = Some(everywhere.tile(block, merge));
             }
         }
-        LayerTile::from_placed(rect, &placed)
+        // Step 3: the blocks as one tile, row by row.
+        let mut boundaries = Vec::with_capacity(rect.area());
+        let mut offsets = Vec::with_capacity(rect.area() + 1);
+        offsets.push(0);
+        for y in 0..rect.height() {
+            for x in 0..rect.width() {
+                match &blocks[everywhere.at(x, y)] {
+                    None => boundaries.push(record(&tracer.kept.settled.shown(x, y), all)),
+                    Some(tile) => boundaries.extend_from_slice(tile.at(x, y)),
+                }
+                offsets.push(boundaries.len() as u32);
+            }
+        }
+        KEPT.set(Some(tracer.kept));
+        LayerTile { rect, offsets, boundaries }
     }
 }
 
-/// Whether all pixels see the same surfaces, so that one sample stands for all.
-fn is_uniform<'h>(mut pixels: impl Iterator<Item = &'h [Hit]>) -> bool {
-    let Some(first) = pixels.next() else { return true };
-    pixels.all(|hits| {
-        hits.len() == first.len()
-            && hits.iter().zip(first).all(|(a, b)| a.leaf == b.leaf && a.facing == b.facing && a.body == b.body)
-    })
-}
+#[cfg(test)]
+mod settle_tests;

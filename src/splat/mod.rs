@@ -5,11 +5,13 @@
 //! and [`surface`] puts them together for one block of pixels. The paper's own way is [`fragment`], with the weights of
 //! [`ewa`]; [`clip`] asks clipping partners, which [`clip_buffer`] finds in the picture.
 
+pub mod bins;
 pub mod clip;
 pub mod clip_buffer;
 pub mod ewa;
 pub mod fragment;
 pub mod frame;
+pub mod hits;
 #[cfg(test)]
 mod moved_tests;
 #[cfg(test)]
@@ -17,6 +19,7 @@ mod paper_tests;
 pub mod project;
 pub mod rows;
 pub mod settings;
+pub mod settle;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_scenes;

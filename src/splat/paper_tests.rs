@@ -120,7 +120,7 @@ fn figure_5_an_unknown_leaf_drops_out() {
     let lists = PartnerLists::in_space(&model, Among::EdgeSurfels);
     let partners_by_leaf = |at: DVec3| {
         let c = &model.fields[2];
-        let (index, _) = c.search.nearest_in_world(at).unwrap();
+        let (index, _) = c.nearest(at).unwrap();
         let of = lists.of(SurfelId { leaf: LeafId(2), index });
         [0, 1].map(|leaf| of.iter().filter(|t| t.leaf == LeafId(leaf)).count() > 0)
     };

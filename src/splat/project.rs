@@ -11,27 +11,14 @@
 //! a projection exists. Bounds are those of the support *ball*, not of the disk: a ray that passes a curved surfel at a
 //! grazing angle may miss the disk and still hit the surface.
 
-use glam::{DMat3, DVec3, Mat3};
+use glam::{DMat3, DVec3, Mat3, Vec3};
 
-use crate::classify::{Class, Drawn};
+use crate::classify::Class;
 use crate::space::{Camera, PixelRect, Projection};
-use crate::surfel::{SurfelCloud, Sym3};
-
-/// Surface surfels of a smaller radius on the screen are [plain](ViewSurfel::plain).
-const PLAIN_RADIUS_PX: f64 = 4.0;
+use crate::surfel::{CHUNK, Surfel, SurfelCloud, Sym3};
 
 /// Rays with t below this many radii in front of the eye are not hit.
 const NEAREST_REFERENCE_IN_RADII: f64 = 0.5;
-
-/// A group of fragments stays open this far behind its last one: ε = min(4r, ½ r (tan θ + ½)), cos θ ≥ 0.05
-/// (DESIGN §3.7; factors from ¼ to 2 of it give right layer counts, a tenth breaks them).
-fn grouping_reach(radius: f32, cosine: f32) -> f32 {
-    const LEAST_COSINE: f32 = 0.05;
-    const MOST_RADII: f32 = 4.0;
-    let c = cosine.abs().clamp(LEAST_COSINE, 1.0);
-    let tangent = (1.0 - c * c).max(0.0).sqrt() / c;
-    (0.5 * radius * (tangent + 0.5)).min(MOST_RADII * radius)
-}
 
 /// A surfel as one tile sees it. Lengths in world units, view axes; pixels are relative to the tile's corner.
 #[derive(Debug, Clone, Copy)]
@@ -78,9 +65,6 @@ pub struct ViewSurfel {
     pub index: u32,
     /// What it is drawn as.
     pub class: Class,
-    /// Whether it is a surface surfel so small on the screen that the mean of such surfels' hits is as good as the solution of
-    /// their field: it is not clipped, and what they differ by is of third order in a radius of a few pixels.
-    pub plain: bool,
     /// Whether a ray can enter the leaf here.
     pub may_enter: bool,
     /// Whether a ray can leave the leaf here.
@@ -108,6 +92,14 @@ pub struct Bounds {
     pub top: f64,
     /// Greatest y.
     pub bottom: f64,
+}
+
+impl Bounds {
+    /// The same, in pixels from the corner of `rect`.
+    pub fn from_corner(self, rect: PixelRect) -> Self {
+        let (x, y) = (f64::from(rect.x0), f64::from(rect.y0));
+        Self { left: self.left - x, right: self.right - x, top: self.top - y, bottom: self.bottom - y }
+    }
 }
 
 impl View {
@@ -175,74 +167,160 @@ impl View {
         Sym3::from_mat3(self.rotation32 * m.to_mat3() * self.rotation32.transpose()).0
     }
 
-    /// Surfel `index` of `cloud` for a tile whose corner is `rect`'s and whose depths are relative to `anchor`.
+    /// Surfel `index` of `cloud` as the camera sees it.
+    #[inline]
+    pub fn sight(&self, cloud: &SurfelCloud, index: usize) -> Sight {
+        self.sight_in_chunk(cloud, index, self.chunk_origin(cloud, index / CHUNK))
+    }
+
+    /// The origin of a chunk's offsets in view space.
+    #[inline]
+    pub fn chunk_origin(&self, cloud: &SurfelCloud, chunk: usize) -> DVec3 {
+        self.point(cloud.chunks[chunk].origin)
+    }
+
+    /// As [`View::sight`], for a surfel of the chunk whose origin is given: the large coordinates are rotated once a chunk.
+    #[inline]
+    pub fn sight_in_chunk(&self, cloud: &SurfelCloud, index: usize, origin_in_view: DVec3) -> Sight {
+        let surfel = &cloud.surfels[index];
+        let centre = origin_in_view + (self.rotation32 * surfel.offset).as_dvec3();
+        let normal = self.rotation32 * surfel.normal;
+        let (cosine, swing) = self.facing(centre.as_vec3(), normal, surfel);
+        Sight { centre, normal, cosine, swing }
+    }
+
+    /// Pixel bounds of the ball of `surfel`, as [`View::bounds`] but a little larger and cheaper, since most are only
+    /// compared with those of tiles and blocks.
+    #[inline]
+    pub fn rough_bounds(&self, sight: &Sight, radius: f32) -> Option<Bounds> {
+        let c = sight.centre;
+        let radius = f64::from(radius);
+        let Projection::Perspective { focal_px } = self.camera.projection else { return self.bounds(c, radius) };
+        if c.z < 2.0 * radius {
+            return self.bounds(c, radius);
+        }
+        // With θ the angle of the centre off the axis, in one of the two planes, and α that of the ball's tangent off the
+        // centre, tan(θ + α) − tan θ = sin α / (cos θ cos(θ + α)); with d ≤ |c| the distance in the plane, cos θ = z/d,
+        // sin α = r/d, cos α ≥ 1 − (r/d)², and sin θ ≤ 1.
+        let distance = f64::from(sight.centre.as_vec3().length());
+        let per_z = 1.0 / c.z;
+        let cosine = c.z * (1.0 - (radius * per_z).powi(2)) - radius;
+        const ROUNDING_PX: f64 = 1e-2; // far above what `f32` loses within a picture
+        let half = focal_px * radius * distance * (per_z / cosine) + ROUNDING_PX;
+        let x = 0.5 * f64::from(self.camera.width) + focal_px * c.x * per_z;
+        let y = 0.5 * f64::from(self.camera.height) + focal_px * c.y * per_z;
+        let bounds = Bounds { left: x - half, right: x + half, top: y - half, bottom: y + half };
+        let (width, height) = (f64::from(self.camera.width), f64::from(self.camera.height));
+        let hidden = bounds.right < 0.0 || bounds.bottom < 0.0 || bounds.left > width || bounds.top > height;
+        (!hidden).then_some(bounds)
+    }
+
+    /// The cosine between the ray through the centre and the normal, and by how much that of another ray that meets the
+    /// surfel can differ, by the bend of the surfel and by perspective across the ball.
+    #[inline]
+    fn facing(&self, centre_in_view: Vec3, normal_in_view: Vec3, surfel: &Surfel) -> (f32, f32) {
+        const ROUNDING: f32 = 1e-3;
+        // No eigenvalue of a symmetric matrix is larger than its largest row's sum.
+        let [xx, xy, xz, yy, yz, zz] = surfel.curvature.0.map(f32::abs);
+        let bend = (xx + xy + xz).max(xy + yy + yz).max(xz + yz + zz) * surfel.radius;
+        match self.camera.projection {
+            Projection::Perspective { .. } => {
+                let distance = centre_in_view.length();
+                let cosine = if distance > 0.0 { normal_in_view.dot(centre_in_view) / distance } else { 0.0 };
+                (cosine, bend + surfel.radius / distance.max(surfel.radius) + ROUNDING)
+            }
+            Projection::Orthographic { .. } => (normal_in_view.z, bend + ROUNDING),
+        }
+    }
+
+    /// Curvature and support of surfel `index`, view axes.
+    pub fn shape(&self, cloud: &SurfelCloud, index: usize) -> (Sym3, Option<Sym3>) {
+        let support = cloud.supports.as_ref().map(|s| Sym3(self.rotated(s[index])));
+        (Sym3(self.rotated(cloud.surfels[index].curvature)), support)
+    }
+
+    /// Surfel `index` of `cloud`, seen as `sight`, whose ball has the `bounds` from the corner of the tile `rect`. The tile's
+    /// depths are relative to `anchor`.
     pub fn surfel(
         &self,
-        cloud: &SurfelCloud,
-        index: usize,
-        rect: PixelRect,
-        anchor: f64,
+        (cloud, index): (&SurfelCloud, usize),
+        sight: &Sight,
+        bounds: &Bounds,
+        (rect, anchor): (PixelRect, f64),
         leaf: LeafLook,
-    ) -> Option<ViewSurfel> {
+    ) -> ViewSurfel {
         let surfel = &cloud.surfels[index];
         let radius = f64::from(surfel.radius);
-        let c = self.point(cloud.centre(index));
-        let bounds = self.bounds(c, radius)?;
-        let (corner_x, corner_y) = (f64::from(rect.x0), f64::from(rect.y0));
+        let c = sight.centre;
         let reference = match self.camera.projection {
             Projection::Perspective { .. } => c.z.max(NEAREST_REFERENCE_IN_RADII * radius),
             Projection::Orthographic { .. } => c.z,
         };
         let at_reference = self.camera.px_from_view(DVec3::new(c.x, c.y, reference));
-        let n = self.rotation32 * surfel.normal;
-        let m = self.rotated(surfel.curvature);
-        // The ray through the centre, for angles.
-        let to = match self.camera.projection {
-            Projection::Perspective { .. } => c.normalize_or(DVec3::Z),
-            Projection::Orthographic { .. } => DVec3::Z,
-        };
-        let cosine = n.dot(to.as_vec3());
-        // A ray's facing can differ from the centre's by the bend of the surfel and by perspective across the ball.
-        let stiffest = m.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
-        let bend = 3.0 * stiffest * surfel.radius;
-        let spread = match self.camera.projection {
-            Projection::Perspective { .. } => (radius / c.length().max(radius)) as f32,
-            Projection::Orthographic { .. } => 0.0,
-        };
-        const ROUNDING: f32 = 1e-3;
-        let swing = bend + spread + ROUNDING;
-        let linear = |k: usize| srgb_to_linear(surfel.colour[k]);
-        let colour = match leaf.colour {
-            Some(colour) => colour,
-            None => [linear(0), linear(1), linear(2)],
-        };
-        Some(ViewSurfel {
-            u: (at_reference.x - corner_x) as f32,
-            v: (at_reference.y - corner_y) as f32,
+        let (curvature, support) = self.shape(cloud, index);
+        ViewSurfel {
+            u: (at_reference.x - f64::from(rect.x0)) as f32,
+            v: (at_reference.y - f64::from(rect.y0)) as f32,
             z: (reference - anchor) as f32,
             scale: self.camera.footprint(reference) as f32,
             lift: (reference - c.z) as f32,
-            normal: n.to_array(),
-            curvature: m,
+            normal: sight.normal.to_array(),
+            curvature: curvature.0,
             inverse_radius_squared: (1.0 / (radius * radius)) as f32,
-            support: cloud.supports.as_ref().map(|s| self.rotated(s[index])),
+            support: support.map(|s| s.0),
             radius: surfel.radius,
-            reach: grouping_reach(surfel.radius, cosine),
+            reach: sight.reach(surfel.radius),
             near: (c.z - radius - anchor) as f32,
             far: (c.z + radius - anchor) as f32,
-            top: (bounds.top - corner_y) as f32,
-            bottom: (bounds.bottom - corner_y) as f32,
-            left: (bounds.left - corner_x) as f32,
-            right: (bounds.right - corner_x) as f32,
-            colour,
-            opacity: leaf.opacity * f32::from(surfel.colour[3]) / 255.0,
+            top: bounds.top as f32,
+            bottom: bounds.bottom as f32,
+            left: bounds.left as f32,
+            right: bounds.right as f32,
+            colour: leaf.colour_of(surfel),
+            opacity: leaf.opacity_of(surfel),
             index: index as u32,
             class: leaf.class,
-            plain: matches!(leaf.class.drawn(), Some(Drawn::Surface(_)))
-                && radius < PLAIN_RADIUS_PX * self.camera.footprint(reference),
-            may_enter: cosine < swing,
-            may_leave: cosine > -swing,
-        })
+            may_enter: sight.may_enter(),
+            may_leave: sight.may_leave(),
+        }
+    }
+}
+
+/// Where a surfel is and how it is turned, before anything is known of its place in a tile.
+#[derive(Debug, Clone, Copy)]
+pub struct Sight {
+    /// Centre, view space.
+    pub centre: DVec3,
+    /// Unit normal, view axes.
+    pub normal: Vec3,
+    /// Between the ray through the centre and the normal.
+    pub cosine: f32,
+    /// By how much that of another ray that meets the surfel may differ.
+    pub swing: f32,
+}
+
+impl Sight {
+    /// Whether a ray can enter the leaf here.
+    #[inline]
+    pub fn may_enter(&self) -> bool {
+        self.cosine < self.swing
+    }
+
+    /// Whether a ray can leave the leaf here.
+    #[inline]
+    pub fn may_leave(&self) -> bool {
+        self.cosine > -self.swing
+    }
+
+    /// How far apart in depth fragments of one surface may lie, for a surfel of `radius`: a group of fragments stays open
+    /// ε = min(4r, ½ r (tan θ + ½)), cos θ ≥ 0.05, behind its last one. Factors from ¼ to 2 of it give right layer counts; a
+    /// tenth breaks them.
+    pub fn reach(&self, radius: f32) -> f32 {
+        const LEAST_COSINE: f32 = 0.05;
+        const MOST_RADII: f32 = 4.0;
+        let c = self.cosine.abs().clamp(LEAST_COSINE, 1.0);
+        let tangent = (1.0 - c * c).max(0.0).sqrt() / c;
+        (0.5 * radius * (tangent + 0.5)).min(MOST_RADII * radius)
     }
 }
 
@@ -255,6 +333,21 @@ pub struct LeafLook {
     pub opacity: f32,
     /// The surfel's class.
     pub class: Class,
+}
+
+impl LeafLook {
+    /// Linear RGB of one of its surfels.
+    #[inline]
+    pub fn colour_of(&self, surfel: &Surfel) -> [f32; 3] {
+        let own = |k: usize| srgb_to_linear(surfel.colour[k]);
+        self.colour.unwrap_or_else(|| [own(0), own(1), own(2)])
+    }
+
+    /// Opacity of one of its surfels.
+    #[inline]
+    pub fn opacity_of(&self, surfel: &Surfel) -> f32 {
+        self.opacity * f32::from(surfel.colour[3]) / 255.0
+    }
 }
 
 /// IEC 61966-2-1, tabulated once.

@@ -140,11 +140,6 @@ pub struct Slot<S: Simd> {
     pub best: u32x8<S>,
     /// Radius of that surfel.
     pub best_radius: f32x8<S>,
-    /// Whether only [plain](ViewSurfel::plain) surfels are in it; then the sums below are theirs.
-    pub plain: bool,
-    normal: [f32x8<S>; 3],
-    colour: [f32x8<S>; 3],
-    opacity: f32x8<S>,
 }
 
 impl<S: Simd> Slot<S> {
@@ -155,10 +150,12 @@ impl<S: Simd> Slot<S> {
     }
 }
 
-/// The rows and depths that a surfel's support ball spans, tile-relative: a quarter of a cache line, since most surfels of a
-/// block are looked at only to be passed over.
+/// What a surfel's support ball spans, tile-relative: a part of a cache line, since most surfels of a block are looked at
+/// only to be passed over.
 #[derive(Debug, Clone, Copy)]
 pub struct Span {
+    left: f32,
+    right: f32,
     top: f32,
     bottom: f32,
     near: f32,
@@ -168,20 +165,29 @@ pub struct Span {
 impl Span {
     /// Of `s`.
     pub fn of(s: &ViewSurfel) -> Self {
-        Self { top: s.top, bottom: s.bottom, near: s.near, far: s.far }
+        Self { left: s.left, right: s.right, top: s.top, bottom: s.bottom, near: s.near, far: s.far }
     }
 }
 
-/// Appends to `touching` those of `members` whose balls reach row `y` between the depths `nearest` and `farthest`.
+/// Appends to `touching` those of `members` whose balls reach a live ray of the row between the depths `nearest` and
+/// `farthest`.
 #[inline(always)]
-pub fn touching(spans: &[Span], members: &[u32], y: f32, (nearest, farthest): (f32, f32), touching: &mut Vec<u32>) {
+pub fn touching<S: Simd>(
+    row: &Row<S>,
+    spans: &[Span],
+    members: &[u32],
+    (nearest, farthest): (f32, f32),
+    touching: &mut Vec<u32>,
+) {
+    let (y, (first, last)) = (row.y, row.span(row.x, row.live));
     // Without branches: which surfels reach a row is as good as random, and a wrong guess costs more than a store.
     let mut end = touching.len();
     touching.resize(end + members.len(), 0);
     for &member in members {
         let s = &spans[member as usize];
         touching[end] = member;
-        end += usize::from((s.top <= y) & (s.bottom >= y) & (s.near <= farthest) & (s.far >= nearest));
+        let in_row = (s.top <= y) & (s.bottom >= y) & (s.left <= last) & (s.right >= first);
+        end += usize::from(in_row & (s.near <= farthest) & (s.far >= nearest));
     }
     touching.truncate(end);
 }
@@ -264,14 +270,6 @@ fn join<S: Simd>(
             continue;
         }
         let w = takes.select(w, zero);
-        slot.plain &= s.plain;
-        if slot.plain {
-            for k in 0..3 {
-                slot.normal[k] += w * s.normal[k];
-                slot.colour[k] += w * s.colour[k];
-            }
-            slot.opacity += w * s.opacity;
-        }
         slot.lower = takes.select(fresh.select(t - reach, slot.lower.min(t - reach)), slot.lower);
         slot.upper = takes.select(fresh.select(t + reach, slot.upper.max(t + reach)), slot.upper);
         slot.weight += w;
@@ -299,26 +297,7 @@ fn join<S: Simd>(
         best_depth: t,
         best: u32x8::splat(row.simd, member),
         best_radius: row.splat(s.radius),
-        plain: s.plain,
-        normal: s.normal.map(|n| w * n),
-        colour: s.colour.map(|c| w * c),
-        opacity: w * s.opacity,
     });
-}
-
-/// The surface of a slot of plain surfels: the weighted means of its candidates.
-#[inline(always)]
-pub fn mean<S: Simd>(row: &Row<S>, slot: &Slot<S>, wanted: mask32x8<S>) -> Solution<S> {
-    let share = row.splat(1.0) / slot.weight;
-    let lanes = wanted & slot.lanes & slot.weight.simd_gt(LEAST_WEIGHT);
-    Solution {
-        lanes,
-        weightless: mask32x8::splat(row.simd, false),
-        t: slot.weighted_depth * share,
-        normal: slot.normal,
-        colour: slot.colour.map(|c| c * share),
-        opacity: slot.opacity * share,
-    }
 }
 
 /// Where and how a row's rays meet one surface.

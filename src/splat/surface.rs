@@ -21,8 +21,10 @@ use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::clip::{ClipScratch, Clipper};
+use super::hits::{Hit, finish_ray};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot, Span};
+use super::settle::Settled;
 use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
@@ -33,25 +35,6 @@ use crate::space::{PixelRect, Projection, Ray};
 /// Newton steps on the field for surfaces that are clipped: one brings the hit onto the field that others ask; the second
 /// is for grazing rays.
 const EDGE_STEPS: u32 = 2;
-
-/// One boundary of the result on one ray, before it is a record.
-#[derive(Debug, Clone, Copy)]
-pub struct Hit {
-    /// Planar depth less the tile's anchor depth.
-    pub t: f32,
-    /// The result's outward unit normal, view axes.
-    pub normal: Vec3,
-    /// Linear RGB.
-    pub colour: [f32; 3],
-    /// 0 to 1.
-    pub opacity: f32,
-    /// Whose surface.
-    pub leaf: u32,
-    /// Whose material lies behind.
-    pub body: u32,
-    /// The result's.
-    pub facing: Facing,
-}
 
 /// One tile's surfels, ready for the kernels.
 pub struct Tile<'a> {
@@ -107,43 +90,64 @@ impl<S: Simd> Default for Scratch<S> {
     }
 }
 
-/// The side of points that no surfel of a leaf reaches, remembered by leaf: around the point that was last asked about it
-/// holds as far as [`LeafField::far_side`] says.
+/// Answers that a [`SideCache`] remembers for each leaf: two rows of a block, so that a row finds those of the one above.
+const REMEMBERED: usize = 2 * LANES;
+
+/// The side of points that no surfel of a leaf reaches, remembered by leaf: an answer holds around the point that it was
+/// given for as far as [`LeafField::far_side`] says.
 pub struct SideCache {
-    last: Vec<Option<(DVec3, f64, bool)>>,
+    answers: Vec<Vec<Side>>,
+    /// The answer to forget next, by leaf.
+    oldest: Vec<usize>,
+}
+
+/// A remembered answer.
+#[derive(Clone, Copy)]
+struct Side {
+    p_in_world: DVec3,
+    clearance_squared: f64,
+    inside: bool,
 }
 
 impl SideCache {
     /// For a scene of `leaves` leaves.
     pub fn new(leaves: usize) -> Self {
-        Self { last: vec![None; leaves] }
+        Self { answers: vec![Vec::new(); leaves], oldest: vec![0; leaves] }
     }
 
     /// Whether `p_in_world`, which no surfel of `leaf` reaches, is inside it.
     fn inside(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> bool {
-        let known = &mut self.last[leaf.0 as usize];
-        if let Some((from, clearance, side)) = *known
-            && p_in_world.distance_squared(from) < clearance * clearance
-        {
-            return side;
+        let answers = &mut self.answers[leaf.0 as usize];
+        let holds = |side: &&Side| p_in_world.distance_squared(side.p_in_world) < side.clearance_squared;
+        if let Some(side) = answers.iter().find(holds) {
+            return side.inside;
         }
-        let Some((nearest, _)) = field.search.nearest_in_world(p_in_world) else { return false };
-        let side = field.far_side(p_in_world, nearest);
+        let side = field.far_side(p_in_world);
         if !(side.steady_share > 0.0) {
             return side.inside;
         }
         // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
         const COVERED_SHARE: f32 = 0.8;
-        let clearance = side.steady_share * f64::from(field.supports.clearance(p_in_world, COVERED_SHARE));
-        *known = Some((p_in_world, clearance.max(0.0), side.inside));
+        let clearance = side.steady_share * f64::from(field.clearance(p_in_world, COVERED_SHARE)).max(0.0);
+        let answer = Side { p_in_world, clearance_squared: clearance * clearance, inside: side.inside };
+        let oldest = &mut self.oldest[leaf.0 as usize];
+        match answers.get_mut(*oldest) {
+            Some(place) => *place = answer,
+            None => answers.push(answer),
+        }
+        *oldest = (*oldest + 1) % REMEMBERED;
         side.inside
     }
 }
 
+/// A bit for each lane.
+const ALL_LANES: u64 = (1 << LANES) - 1;
+
 /// Where a row is traced: first column and row, tile-relative, and the place within the pixel.
 pub type At = (u32, u32, DVec2);
 
-/// Traces eight rays of the tile from `at` on. `hits[lane]` are what each meets, front to back.
+/// Traces eight rays of the tile from `at` on, but for the pixels that are `settled`, whose hits are known. `hits[lane]` are
+/// what each meets, front to back.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub fn trace_row<S: Simd>(
@@ -151,12 +155,23 @@ pub fn trace_row<S: Simd>(
     tile: &Tile<'_>,
     runs: &[Run<'_>],
     at: At,
+    settled: Option<&Settled>,
     cache: &mut SideCache,
     scratch: &mut Scratch<S>,
     hits: &mut [Vec<Hit>; LANES],
 ) {
-    let row = row_of(simd, tile, at.0, at.1, at.2);
     hits.iter_mut().for_each(Vec::clear);
+    let mut row = row_of(simd, tile, at.0, at.1, at.2);
+    if let Some(settled) = settled {
+        let known = settled.lanes(at.0, at.1);
+        for lane in (0..LANES as u32).filter(|lane| known >> lane & 1 == 1) {
+            hits[lane as usize].push(settled.shown(at.0 + lane, at.1));
+        }
+        row.live &= mask32x8::from_bitmask(simd, !known & ALL_LANES);
+        if row.live.all_false() {
+            return;
+        }
+    }
     let nearest_only = tile.limit == LayerLimit::Nearest;
     let mut hidden_from = f32x8::splat(simd, f32::INFINITY);
     for run in runs {
@@ -171,7 +186,7 @@ pub fn trace_row<S: Simd>(
         for (front, members) in [(true, entering), (false, leaving)] {
             let before = touching.len();
             let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
-            rows::touching(&tile.spans, members, row.y, depths, &mut touching);
+            rows::touching(&row, &tile.spans, members, depths, &mut touching);
             rows::detect(&row, &tile.surfels, &touching[before..], generous, hidden_from, &mut slots);
             for slot in slots.iter().filter(|slot| slot.front == front) {
                 resolve(
@@ -194,7 +209,7 @@ pub fn trace_row<S: Simd>(
         scratch.touching = touching;
     }
     for lane in hits.iter_mut() {
-        finish_lane(lane, nearest_only);
+        finish_ray(lane, nearest_only);
     }
 }
 
@@ -280,11 +295,7 @@ fn resolve<S: Simd>(
         t = depth;
     } else {
         let steps = if any_edge { EDGE_STEPS } else { 0 };
-        let solution = if slot.plain {
-            rows::mean(row, slot, visible)
-        } else {
-            rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching)
-        };
+        let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching);
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
         lanes = (solution.lanes & ahead).to_bitmask();
@@ -326,7 +337,7 @@ fn resolve<S: Simd>(
             None => {}
             Some(Drawn::Surface(crossing)) => {
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                    let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
                         let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
                         tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
                     });
@@ -340,7 +351,7 @@ fn resolve<S: Simd>(
                         let place = best[lane] as usize;
                         let crossing = clipper.crossing_on_ray(tile, run.leaf, place, px, t[lane], &mut scratch.clip);
                         crossings[lane] = crossing.map(|crossing| {
-                            let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                            let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
                                 let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
                                 tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
                             });
@@ -369,7 +380,7 @@ fn resolve<S: Simd>(
                         bits >> lane & 1 == 1
                     });
                     crossings[lane] = crossing.map(|crossing| {
-                        let body = body_behind(tile, run.leaf, crossing, index_of(lane), |leaf| {
+                        let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
                             let place = residual.near.binary_search(&leaf).ok();
                             match place.and_then(|place| known[place]) {
                                 Some(bits) => bits >> lane & 1 == 1,
@@ -392,7 +403,7 @@ fn resolve<S: Simd>(
         let facing = if enters_result { Facing::Front } else { Facing::Back };
         let outward = if sheet { slot.front } else { crossing == Crossing::Rises };
         let normal = if outward { normals[lane] } else { -normals[lane] };
-        let opacity = opacities[lane].clamp(0.0, 1.0);
+        let opacity = snapped(opacities[lane]);
         let hit = Hit { t: t[lane], normal, colour: colours[lane], opacity, leaf: run.leaf.0, body, facing };
         hits[lane].push(hit);
         if opacity >= 1.0 {
@@ -402,6 +413,12 @@ fn resolve<S: Simd>(
     if nearest_only {
         *hidden_from = hidden_from.min(seen);
     }
+}
+
+/// An opacity that is a weighted mean, held to 0 to 1, and opaque where only rounding keeps it from being so.
+fn snapped(opacity: f32) -> f32 {
+    const ROUNDING: f32 = 1e-5; // far below 1/255, the least step of a surfel's opacity
+    if opacity > 1.0 - ROUNDING { 1.0 } else { opacity.max(0.0) }
 }
 
 /// Which lanes' points lie inside leaf `near`, as bits.
@@ -428,7 +445,7 @@ fn sides<S: Simd>(
     if let Some(run) = runs.iter().find(|r| r.leaf == near) {
         let depth = f32x8::load_array(row.simd, *t);
         touching.clear();
-        rows::touching(&tile.spans, run.members, row.y, row.span(depth, lanes), touching);
+        rows::touching(row, &tile.spans, run.members, row.span(depth, lanes), touching);
         let (value, support) = rows::ask(row, &tile.surfels, touching, depth, lanes);
         reached = support.to_bitmask();
         bits = (support & value.simd_lt(0.0)).to_bitmask();
@@ -445,7 +462,7 @@ fn sides<S: Simd>(
 /// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the first positive
 /// leaf that holds the point; `holds` decides for leaves that are near.
 pub(super) fn body_behind(
-    tile: &Tile<'_>,
+    model: &Model,
     own: LeafId,
     crossing: Crossing,
     surfel: usize,
@@ -454,22 +471,11 @@ pub(super) fn body_behind(
     if crossing == Crossing::Rises {
         return own.0;
     }
-    let mut candidates = tile.model.positive_leaves().iter().filter(|&&leaf| leaf != own);
-    let body = candidates.find(|&&leaf| match tile.model.status(own, surfel, leaf) {
+    let mut candidates = model.positive_leaves().iter().filter(|&&leaf| leaf != own);
+    let body = candidates.find(|&&leaf| match model.status(own, surfel, leaf) {
         Membership::In => true,
         Membership::Out => false,
         Membership::Near => holds(leaf),
     });
     body.map_or(own.0, |leaf| leaf.0)
-}
-
-/// Sorts a ray's hits and drops what two groups found twice.
-pub(super) fn finish_lane(hits: &mut Vec<Hit>, nearest_only: bool) {
-    hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.leaf.cmp(&b.leaf)));
-    hits.dedup_by(|b, a| a.leaf == b.leaf && a.facing == b.facing && a.t == b.t);
-    if nearest_only {
-        // Surfaces that let light through show what is behind them: keep up to the first opaque one.
-        let opaque = hits.iter().position(|h| h.opacity >= 1.0);
-        hits.truncate(opaque.map_or(hits.len(), |last| last + 1));
-    }
 }

@@ -1,20 +1,24 @@
-//! Which surfels' support balls meet a given ball.
+//! Which surfels' support balls meet a given ball, and which surfels are nearest to a point.
 //!
 //! # Theory
 //! A binary tree of balls over runs of `RUN` surfels in Morton order; a node's ball holds the *support balls* of its
 //! surfels, centres and radii. A k-d tree over the centres would have to search as far as the largest radius of the leaf,
 //! and one stray point of a scan, whose radius is a thousand times the others', would make every query visit everything.
 //!
+//! The same tree finds nearest centres: no centre in a node is nearer than the node's ball. Another tree for that would cost
+//! another 20 bytes a surfel.
+//!
 //! # Practice
-//! Coordinates are `f32` about the cloud's own origin, and balls are widened by their rounding, so a query never misses;
+//! The tree keeps no surfels: every question brings the cloud that it was made of. Coordinates are `f32` about the cloud's own origin, and balls are widened by their rounding, so a query never misses;
 //! callers that need a sharp answer test the surfels they are given.
 
 use glam::{DVec3, Vec3};
 
-use super::SurfelCloud;
+use super::{CHUNK, Surfel, SurfelCloud};
 
-/// Surfels a leaf of the tree.
+/// Surfels a leaf of the tree; a chunk holds a whole number of them.
 const RUN: usize = 8;
+const _: () = assert!(CHUNK.is_multiple_of(RUN));
 
 #[derive(Debug, Clone, Copy)]
 struct Ball {
@@ -32,8 +36,6 @@ pub struct BallTree {
     /// Root at 1, children of i at 2i and 2i + 1.
     balls: Vec<Ball>,
     leaves: usize,
-    /// Per surfel.
-    surfels: Vec<Ball>,
     /// What rounding the coordinates may have cost.
     slack: f32,
 }
@@ -42,26 +44,38 @@ impl BallTree {
     /// Over `cloud`.
     pub fn new(cloud: &SurfelCloud) -> Self {
         let origin = cloud.chunks.get(cloud.chunks.len() / 2).map_or(DVec3::ZERO, |c| c.origin);
-        let surfels: Vec<Ball> = (0..cloud.len())
-            .map(|i| Ball { centre: (cloud.centre(i) - origin).as_vec3(), radius: cloud.surfels[i].radius })
-            .collect();
-        let farthest = surfels.iter().map(|s| s.centre.length()).fold(0.0, f32::max);
-        let leaves = surfels.len().div_ceil(RUN).next_power_of_two().max(1);
-        let mut balls = vec![EMPTY; 2 * leaves];
-        for (run, members) in surfels.chunks(RUN).enumerate() {
-            let centre = members.iter().map(|s| s.centre).sum::<Vec3>() / members.len() as f32;
-            let radius = members.iter().map(|s| s.centre.distance(centre) + s.radius).fold(0.0, f32::max);
-            balls[leaves + run] = Ball { centre, radius };
+        let leaves = cloud.len().div_ceil(RUN).next_power_of_two().max(1);
+        let mut tree = Self { origin, balls: vec![EMPTY; 2 * leaves], leaves, slack: 0.0 };
+        let mut farthest = 0.0_f32;
+        for run in 0..cloud.len().div_ceil(RUN) {
+            let members = tree.run(cloud, run);
+            let count = members.len() as f32;
+            let centre = members.clone().map(|(_, s)| s.centre).sum::<Vec3>() / count;
+            let radius = members.clone().map(|(_, s)| s.centre.distance(centre) + s.radius).fold(0.0, f32::max);
+            farthest = members.map(|(_, s)| s.centre.length()).fold(farthest, f32::max);
+            tree.balls[leaves + run] = Ball { centre, radius };
         }
         for node in (1..leaves).rev() {
-            balls[node] = joined(balls[2 * node], balls[2 * node + 1]);
+            tree.balls[node] = joined(tree.balls[2 * node], tree.balls[2 * node + 1]);
         }
         // A few roundings at the coordinates' size, with room to spare.
         const ROUNDINGS: f32 = 8.0;
-        Self { origin, balls, leaves, surfels, slack: ROUNDINGS * f32::EPSILON * farthest }
+        tree.slack = ROUNDINGS * f32::EPSILON * farthest;
+        tree
     }
 
-    fn visit(&self, centre_in_world: DVec3, radius: f64, mut each: impl FnMut(u32, f32) -> bool) {
+    /// The surfels of one run with their indices, about the tree's origin.
+    #[inline]
+    fn run<'c>(&self, cloud: &'c SurfelCloud, run: usize) -> impl ExactSizeIterator<Item = (u32, Ball)> + Clone + 'c {
+        let first = run * RUN;
+        // A run lies within a chunk.
+        let chunk = (cloud.chunks[first / CHUNK].origin - self.origin).as_vec3();
+        let surfels = &cloud.surfels[first..(first + RUN).min(cloud.len())];
+        let ball = move |s: &Surfel| Ball { centre: chunk + s.offset, radius: s.radius };
+        surfels.iter().enumerate().map(move |(i, s)| ((first + i) as u32, ball(s)))
+    }
+
+    fn visit(&self, cloud: &SurfelCloud, centre_in_world: DVec3, radius: f64, mut each: impl FnMut(u32, f32) -> bool) {
         let p = (centre_in_world - self.origin).as_vec3();
         let reach = radius as f32 + self.slack + f32::EPSILON * p.length();
         // Each level leaves at most one node waiting.
@@ -82,12 +96,10 @@ impl BallTree {
                 waiting += 2;
                 continue;
             }
-            let first = (node - self.leaves) * RUN;
-            let members = &self.surfels[first..(first + RUN).min(self.surfels.len())];
-            for (index, s) in members.iter().enumerate() {
+            for (index, s) in self.run(cloud, node - self.leaves) {
                 let touch = reach + s.radius;
                 let squared = p.distance_squared(s.centre);
-                if squared <= touch * touch && !each((first + index) as u32, squared) {
+                if squared <= touch * touch && !each(index, squared) {
                     return;
                 }
             }
@@ -95,9 +107,9 @@ impl BallTree {
     }
 
     /// Whether any support ball meets the ball.
-    pub fn touches(&self, centre_in_world: DVec3, radius: f64) -> bool {
+    pub fn touches(&self, cloud: &SurfelCloud, centre_in_world: DVec3, radius: f64) -> bool {
         let mut any = false;
-        self.visit(centre_in_world, radius, |_, _| {
+        self.visit(cloud, centre_in_world, radius, |_, _| {
             any = true;
             false
         });
@@ -105,45 +117,75 @@ impl BallTree {
     }
 
     /// The surfels whose support balls meet the ball, by index, with their centres' distances; `found` is cleared first.
-    pub fn touching(&self, centre_in_world: DVec3, radius: f64, found: &mut Vec<(u32, f32)>) {
+    pub fn touching(&self, cloud: &SurfelCloud, centre_in_world: DVec3, radius: f64, found: &mut Vec<(u32, f32)>) {
         found.clear();
-        self.visit(centre_in_world, radius, |index, squared| {
+        self.visit(cloud, centre_in_world, radius, |index, squared| {
             found.push((index, squared.sqrt()));
             true
         });
     }
 
     /// How far `p_in_world` is from the nearest ball of `share` times its surfel's radius; negative within one.
-    pub fn clearance(&self, p_in_world: DVec3, share: f32) -> f32 {
+    pub fn clearance(&self, cloud: &SurfelCloud, p_in_world: DVec3, share: f32) -> f32 {
         let p = (p_in_world - self.origin).as_vec3();
         let mut best = f32::INFINITY;
-        let mut stack = [0_usize; usize::BITS as usize + 1];
-        stack[0] = 1;
+        self.descend(p, |run| {
+            let gap = |(_, s): (u32, Ball)| p.distance(s.centre) - share * s.radius;
+            best = self.run(cloud, run).map(gap).fold(best, f32::min);
+            best
+        });
+        best - self.slack - f32::EPSILON * p.length()
+    }
+
+    /// Fills `found` with the `k` surfels whose centres are nearest to `p_in_world` (all, if there are fewer), as index and
+    /// distance, by distance, then index; none where `p_in_world` is not finite.
+    pub fn nearest_k(&self, cloud: &SurfelCloud, p_in_world: DVec3, k: usize, found: &mut Vec<(u32, f32)>) {
+        found.clear();
+        let p = (p_in_world - self.origin).as_vec3();
+        if k == 0 || !p.is_finite() {
+            return;
+        }
+        self.descend(p, |run| {
+            for (index, s) in self.run(cloud, run) {
+                let entry = (index, p.distance(s.centre));
+                let place = found.partition_point(|known| (known.1, known.0) < (entry.1, entry.0));
+                if place < k {
+                    found.truncate(k - 1);
+                    found.insert(place, entry);
+                }
+            }
+            if found.len() == k { found[k - 1].1 } else { f32::INFINITY }
+        });
+    }
+
+    /// Calls `look` with the runs whose balls are nearer to `p` than what `look` last returned, the nearer first.
+    fn descend(&self, p: Vec3, mut look: impl FnMut(usize) -> f32) {
+        let mut best = f32::INFINITY;
+        let gap = |node: usize| match self.balls[node] {
+            ball if ball.radius < 0.0 => f32::INFINITY,
+            ball => p.distance(ball.centre) - ball.radius,
+        };
+        // Each level leaves at most one node waiting.
+        let mut stack = [(0_usize, 0.0_f32); usize::BITS as usize + 1];
         let mut waiting = usize::from(self.balls.len() > 1);
+        stack[0] = (1, if waiting > 0 { gap(1) } else { f32::INFINITY });
         while waiting > 0 {
             waiting -= 1;
-            let node = stack[waiting];
-            let gap = |node: usize| match self.balls[node] {
-                ball if ball.radius < 0.0 => f32::INFINITY,
-                ball => p.distance(ball.centre) - ball.radius,
-            };
-            if gap(node) >= best {
+            let (node, least) = stack[waiting];
+            // Equally near ones may have a lower index.
+            if !(least - self.slack <= best && least < f32::INFINITY) {
                 continue;
             }
-            if node < self.leaves {
-                let (near, far) = (2 * node, 2 * node + 1);
-                let (near, far) = if gap(far) < gap(near) { (far, near) } else { (near, far) };
-                stack[waiting] = far;
-                stack[waiting + 1] = near;
-                waiting += 2;
+            if node >= self.leaves {
+                best = look(node - self.leaves);
                 continue;
             }
-            let first = (node - self.leaves) * RUN;
-            for s in &self.surfels[first..(first + RUN).min(self.surfels.len())] {
-                best = best.min(p.distance(s.centre) - share * s.radius);
-            }
+            let (a, b) = ((2 * node, gap(2 * node)), (2 * node + 1, gap(2 * node + 1)));
+            let (near, far) = if b.1 < a.1 { (b, a) } else { (a, b) };
+            stack[waiting] = far;
+            stack[waiting + 1] = near;
+            waiting += 2;
         }
-        best - self.slack - f32::EPSILON * p.length()
     }
 }
 
@@ -164,7 +206,7 @@ fn joined(a: Ball, b: Ball) -> Ball {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surfel::{CHUNK, Chunk, Surfel, Sym3};
+    use crate::surfel::{Chunk, Sym3};
 
     /// A line of surfels of growing radius, far from the world's origin.
     fn cloud() -> SurfelCloud {
@@ -191,20 +233,34 @@ mod tests {
             let distance = |i: usize| cloud.centre(i).distance(p);
             let meets = |i: &usize| distance(*i) <= radius + f64::from(cloud.surfels[*i].radius);
             let expected: Vec<usize> = (0..cloud.len()).filter(meets).collect();
-            tree.touching(p, radius, &mut found);
+            tree.touching(&cloud, p, radius, &mut found);
             assert_eq!(found.iter().map(|f| f.0 as usize).collect::<Vec<_>>(), expected);
-            assert_eq!(tree.touches(p, radius), !expected.is_empty());
+            assert_eq!(tree.touches(&cloud, p, radius), !expected.is_empty());
             let gap = |i: usize| distance(i) - f64::from(cloud.surfels[i].radius);
             let clearance = (0..cloud.len()).map(gap).fold(f64::INFINITY, f64::min);
-            let answer = f64::from(tree.clearance(p, 1.0));
+            let answer = f64::from(tree.clearance(&cloud, p, 1.0));
             assert!(answer <= clearance && answer > clearance - 1e-3, "{answer} {clearance}");
+            let mut by_distance: Vec<u32> = (0..cloud.len() as u32).collect();
+            by_distance.sort_by(|&a, &b| distance(a as usize).total_cmp(&distance(b as usize)));
+            for k in [0, 1, 2, 7, 1000] {
+                tree.nearest_k(&cloud, p, k, &mut found);
+                let expected = &by_distance[..k.min(cloud.len())];
+                assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), expected);
+                assert!(found.iter().all(|f| (f64::from(f.1) - distance(f.0 as usize)).abs() < 1e-3));
+            }
         }
+        tree.nearest_k(&cloud, DVec3::NAN, 3, &mut found);
+        assert!(found.is_empty());
     }
 
     #[test]
     fn nothing_touches_nothing() {
-        let tree = BallTree::new(&SurfelCloud::default());
-        assert!(!tree.touches(DVec3::ZERO, 1e9));
-        assert_eq!(tree.clearance(DVec3::ZERO, 1.0), f32::INFINITY);
+        let none = SurfelCloud::default();
+        let tree = BallTree::new(&none);
+        assert!(!tree.touches(&none, DVec3::ZERO, 1e9));
+        assert_eq!(tree.clearance(&none, DVec3::ZERO, 1.0), f32::INFINITY);
+        let mut found = Vec::new();
+        tree.nearest_k(&none, DVec3::ZERO, 1, &mut found);
+        assert!(found.is_empty());
     }
 }

@@ -32,8 +32,6 @@ mod test_shapes;
 
 use glam::{DVec3, Mat3, Vec3};
 
-use crate::geometry::neighbours::Neighbours;
-
 pub use cloud::{CloudNotes, CloudOptions, from_cloud};
 pub use mesh::from_mesh;
 pub use solid::from_solid;
@@ -167,12 +165,6 @@ impl SurfelCloud {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.surfels.is_empty()
-    }
-
-    /// The search over the surfels' centres.
-    pub fn neighbours(&self) -> Neighbours {
-        let origin = self.chunks.get(self.chunks.len() / 2).map_or(DVec3::ZERO, |c| c.origin);
-        Neighbours::new(origin, (0..self.len()).map(|i| (self.centre(i) - origin).as_vec3()))
     }
 
     /// Centre of surfel `index` in world space.
