@@ -28,10 +28,14 @@
 //! * Depth is held to the disk's own range ±z about its centre. Where the ray meets the plane at a height h outside of it
 //!   (a disk seen edge-on), the fragment is the ray's point at height z²/h: the border's just outside, the centre's where
 //!   ray and plane are parallel. Räsänen 2002 discards such splats, and Wicke 2004 needs them for the clip buffer.
+//!   Beyond the far border the factor k is the border's, with which the formula is right: a ray that passes behind the
+//!   disk is off its ellipse. (With the fragment's own k it is not: the linear part of a disk whose border comes near the
+//!   eye's depth reaches across the picture, and a disk *beside* the eye was drawn over all of it.)
+//! * A disk whose border comes within half of its centre's depth of the eye's plane has no useful projection; there the weight
+//!   is that of the point on the disk, without a low-pass, of which it needs none.
 //!
 //! # Practice
-//! V is never singular, so there is no special case for grazing disks. A disk within half a radius of the eye has no
-//! projection; there the weight is that of the point on the disk, without a low-pass, of which it needs none.
+//! V is never singular, so there is no special case for grazing disks.
 
 use glam::{DVec2, Vec2, Vec3};
 
@@ -47,6 +51,10 @@ const LOW_PASS_PX: f32 = 0.7;
 
 /// How far from its centre the low-pass falls under a weight of 0.02, pixels: `LOW_PASS_PX` · √(−2 ln 0.02).
 pub const REACH_PX: f32 = 1.958;
+
+/// A disk whose depth differs from its centre's by more than this share of the centre's depth is drawn without a
+/// projection: k would vary by more than a factor of three over it.
+const MOST_DEPTH_SHARE: f32 = 0.5;
 
 /// The peak of a disk that is seen exactly edge-on: it has no area, but where it is alone it is still seen.
 const LEAST_PEAK: f32 = 1e-6;
@@ -88,6 +96,8 @@ pub struct Splat {
     depth_reach: f32,
     /// 1 / depth of the centre; 0 for parallel rays.
     inverse_depth: f32,
+    /// Whether the disk is too near the eye's plane to have a projection.
+    is_close: bool,
     /// How far apart in depth neighbouring fragments of one surface may lie: the surfel's own reach, which is in
     /// proportion to its radius, for the radius that is drawn.
     pub reach: f32,
@@ -132,13 +142,14 @@ impl Splat {
         let peak = (gaussian.determinant().max(0.0) / determinant).sqrt().max(LEAST_PEAK);
         let widening = (1.0 + (REACH_PX * s.scale / s.radius).powi(2)).sqrt();
         let depth_reach = border.0[5].max(0.0).sqrt();
-        Self { filter, outline, peak, depth_reach, inverse_depth, reach: s.reach * widening }
+        let is_close = s.lift != 0.0 || !(depth_reach * inverse_depth <= MOST_DEPTH_SHARE);
+        Self { filter, outline, peak, depth_reach, inverse_depth, is_close, reach: s.reach * widening }
     }
 
     /// The columns between which row `y` (both from the tile's corner) may hold fragments; `None` where it holds none.
     #[inline]
     pub fn columns(&self, s: &ViewSurfel, y: f32) -> Option<(f32, f32)> {
-        if s.lift != 0.0 {
+        if self.is_close {
             return (s.top <= y && y <= s.bottom).then_some((s.left, s.right));
         }
         // Where k is least the drawn ellipse is largest; beyond a pixel's thousandth rounding does not reach.
@@ -165,8 +176,8 @@ impl Splat {
         let start = Vec3::new(delta.x * s.scale, delta.y * s.scale, s.lift);
         let to_plane = -n.dot(start) / n.dot(d);
         let height = to_plane + s.lift;
-        if s.lift != 0.0 {
-            // Too near the eye to have a projection: the point on the disk itself.
+        if self.is_close {
+            // The point on the disk itself.
             let e = start + d * to_plane;
             let u = match s.support {
                 None => e.length_squared() * s.inverse_radius_squared,
@@ -183,7 +194,7 @@ impl Splat {
         } else {
             self.depth_reach * self.depth_reach / height
         };
-        let k = 1.0 + held * self.inverse_depth;
+        let k = 1.0 + if height > self.depth_reach { self.depth_reach } else { held } * self.inverse_depth;
         let square = k * k;
         if !(self.outline.at(delta) * square <= 1.0) {
             return None;
@@ -361,6 +372,33 @@ mod tests {
         let area = std::f32::consts::PI * 0.25 * 17.5 * 2.0 * REACH_PX;
         assert!((covered.len() as f32 / area - 1.0).abs() < 0.15, "{} {area}", covered.len());
         assert!(covered.iter().all(|f| f.weight > 0.0 && f.e.length() < 0.45 && f.t.is_finite()));
+    }
+
+    /// A floor that reaches under the eye and behind it, with disks whose centres lie just before the eye's plane: it is seen
+    /// where it is, and nowhere else.
+    #[test]
+    fn disks_beside_the_eye_are_not_drawn_across_the_picture() {
+        for angle in [0.0, 3.0, 10.0, 30.0_f64] {
+            let up = DVec3::new(angle.to_radians().sin(), 0.0, angle.to_radians().cos());
+            let (u, v) = up.any_orthonormal_pair();
+            let place = |i: usize| (i as f64 / 74.0 - 0.5) * 5.0;
+            let points: Vec<_> =
+                (0..75 * 75).map(|i| (u * place(i % 75) + v * place(i / 75), up.as_vec3(), Sym3::default())).collect();
+            let field = LeafField::new(cloud(&points, COVER), None, LeafKind::Solid);
+            let model = Model::new(&tree("a"), vec![field], vec![LeafLook { colour: None, opacity: 1.0 }]);
+            let eye = DVec3::new(0.9, -1.4, 1.6);
+            let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, Lens::FovY(20.0), SIZE, SIZE).unwrap();
+            let frame = Frame::new(&model, camera.clone(), LayerLimit::All, 1, SplatSettings::PAPER, None);
+            let stack = LayerStack::collect(&frame);
+            for i in 0..SIZE * SIZE {
+                let ray = camera.ray(DVec2::new(f64::from(i % SIZE) + 0.5, f64::from(i / SIZE) + 0.5));
+                let t = -up.dot(ray.origin) / up.dot(ray.dir);
+                let seen = stack.at(i % SIZE, i / SIZE);
+                // Half a pixel's footprint: at their borders disks are held to their own depths.
+                let right = seen.len() == 1 && (f64::from(seen[0].depth) - t).abs() < 0.5 * camera.footprint(t);
+                assert!(right, "{angle}° pixel {i}: {seen:?} for {t}");
+            }
+        }
     }
 
     /// A checkerboard whose fields are smaller than pixels, and one whose fields are two pixels wide, against the mean of
