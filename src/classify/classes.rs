@@ -2,13 +2,13 @@
 //!
 //! # Theory
 //! Wicke 2004 §3.1.2: *surface* surfels lie on the result, *outside* surfels do not, and *inside-* and *outside-edge*
-//! surfels may be clipped. DESIGN §3.3: the tree is evaluated with the three values in, out and near (Kleene); a surfel
-//! whose class is decided on the boundary is a surface surfel, decided off is dropped, and an undecided one keeps the
+//! surfels may be clipped. The tree is evaluated with the three values in, out and near (Kleene's logic); a surfel whose
+//! class is decided on the boundary is a surface surfel, decided off is dropped, and an undecided one keeps the
 //! *residual*: the expression over its near leaves alone, with every decided leaf a constant.
 //!
 //! # Changes from the paper
 //! Classification is against the whole tree at once, not operator by operator, and a dropped surfel is kept as *support*
-//! where another leaf's surfels may reach it: it is still a clipping partner (§3.4, `resolved`).
+//! where another leaf's surfels may reach it: it is still a clipping partner under the resolved rule ([`super::partners`]).
 //!
 //! # Practice
 //! Residuals are interned: surfels of one leaf with the same near leaves and truth table share one. The classes of a

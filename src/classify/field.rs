@@ -2,7 +2,7 @@
 //!
 //! # Theory
 //! Wicke 2004 §3.1.1 takes the sign of the nearest surfel's plane, §3.1.2 compares a surfel's radius with its distance to
-//! the other object's surface. DESIGN §3.6 replaces planes by curved surfels:
+//! the other object's surface. Here planes give way to curved surfels, blended by their weights:
 //! `f(x) = Σ w (n·e + ½ eᵀMe) / Σ w`, `e = x − c`, `w = (1 − |e|²/r²)⁴`.
 //!
 //! # Changes from the paper

@@ -1,9 +1,9 @@
 //! How every surfel of one leaf lies to another leaf: decided for whole chunks where possible.
 //!
 //! # Theory
-//! Wicke 2004 §3.1.2 needs, for each surfel, its side of and its distance to every other surface. DESIGN §3.3: at a node
-//! of A's hierarchy ask for one nearest surfel of B; if that is farther than the node's radius plus both leaves' largest
-//! surfel radii, no surfel of the node can touch B, and all take one sign.
+//! Wicke 2004 §3.1.2 needs, for each surfel, its side of and its distance to every other surface. Whole runs of surfels are
+//! decided at once: at a node of A's hierarchy ask for one nearest surfel of B; if that is farther than the node's radius
+//! plus both leaves' largest surfel radii, no surfel of the node can touch B, and all take one sign.
 //!
 //! # Practice
 //! The result is kept per pair of leaves, so that a leaf that moves touches only its own pairs. Two thresholds exist: a

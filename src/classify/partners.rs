@@ -2,9 +2,10 @@
 //!
 //! # Theory
 //! Wicke 2004 §3.2: two surfels of different patches are close enough to clip where their centres are nearer than the sum
-//! of their radii. DESIGN §3.4: the paper's partners are edge surfels, which fails where sampling densities differ, since
-//! "edge" is decided by a surfel's own radius and partnership by the sum of two; so partners may also be all surfels of
-//! the leaves that classification calls near, those off the result included.
+//! of their radii. The paper's partners are edge surfels, which fails where sampling densities differ, since "edge" is
+//! decided by a surfel's own radius and partnership by the sum of two: a coarse edge surfel beside fine *surface* surfels
+//! finds none. So partners may also be all surfels of the leaves that classification calls near, those off the result
+//! included.
 //!
 //! # Changes from the paper
 //! The paper finds partners in the picture ([`clip_buffer`](crate::splat::clip_buffer)). [`PartnerLists::in_space`] finds

@@ -3,7 +3,7 @@
 //! # Theory
 //! Wicke 2004 §3.3: a fragment asks its surfel's clipping partners, patch by patch, and the tree. Under the paper's rule
 //! ([`PaperTree`]) each occurrence of a leaf is a patch, and a patch without partners is *unknown*. Under the resolved rule
-//! the surfel's residual is asked, and a near leaf without partners takes the side of its nearest surfel (DESIGN §3.4).
+//! the surfel's residual is asked, and a near leaf without partners takes the side of its nearest surfel ([`crate::csg::residual`]).
 //!
 //! # Changes from the paper
 //! * An exact leaf has no partners: it is asked itself. For the paper's rule it is known where its surface passes through

@@ -6,7 +6,7 @@
 //! EWA weight, and of overlapping surfaces the nearest is seen, with a tolerance in depth.
 //!
 //! # Changes from the paper
-//! The paper keeps one visible surface a pixel. DESIGN §3.7: fragments, front to back, are grouped into surfaces by leaf,
+//! The paper keeps one visible surface a pixel. Here fragments, front to back, are grouped into surfaces by leaf,
 //! facing and the side on which the result lies; a surface is open up to t + ε behind its first fragment, a fragment within
 //! joins it and extends it to t + ε/2, with ε from the surfel's radius and slant. So all layers are found, not the nearest
 //! alone, and where only the nearest is wanted the test stops at the first opaque surface that no fragment can join any

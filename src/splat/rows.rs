@@ -1,7 +1,7 @@
 //! The kernels: what eight neighbouring rays of one row meet of one leaf's surfels.
 //!
 //! # Theory
-//! DESIGN §3.6 and §3.7. A leaf's surface near its surfels is f(x) = Σ w (n·e + ½ eᵀMe) / Σ w = 0. A ray meets it by
+//! A leaf's surface near its surfels is f(x) = Σ w (n·e + ½ eᵀMe) / Σ w = 0. A ray meets it by
 //! *detecting* candidate depths, *grouping* them into surfaces by facing and overlap in depth, and *solving* one
 //! quadratic per group: with weights w taken at the group's mean hit x₀,
 //! a0 = Σw(n·e + ½eᵀMe), a1 = Σw(n·d + dᵀMe), a2 = ½Σw dᵀMd, τ = 2a0 / (−a1 ± √(a1² − 4a0a2)),
@@ -35,7 +35,7 @@ pub const LANES: usize = 8;
 /// Supports end where |e|² = r²; weights below this are as good as none and their quotients all rounding.
 const LEAST_WEIGHT: f32 = 1e-12;
 
-/// A hit may lie this many radii from where its group's candidates were (DESIGN §3.7).
+/// A hit may lie this many radii from where its group's candidates were.
 const FARTHEST_SOLVE_IN_RADII: f32 = 4.0;
 
 /// Eight rays of one row of a tile.

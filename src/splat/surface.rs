@@ -1,8 +1,9 @@
 //! Clipping on surfaces: the boundaries of the result for the rays of one block of pixels.
 //!
 //! # Theory
-//! DESIGN §3.7, *deferred on curved surfels*: gather all unclipped fragments of a pixel, group them into surfaces, solve
-//! one hit per surface ([`super::rows`]), then ask the tree once per surface. The expression that is asked is the residual
+//! Wicke 2004 §3.3 clips every fragment on its flat disk. Here clipping is *deferred*: gather all unclipped fragments of a
+//! pixel, group them into surfaces, solve one hit per surface ([`super::rows`]), then ask the tree once per surface. The
+//! expression that is asked is the residual
 //! of the surfel nearest to the hit: that surfel's ball holds the hit, so every leaf that classification decided for the
 //! ball is decided for the hit, and the near ones are asked at the hit itself.
 //!
