@@ -45,6 +45,16 @@ pub enum CameraError {
     /// The orthographic height is not positive.
     #[error("the orthographic height must be positive, not {0}")]
     Height(f64),
+    /// A pixel would be smaller than what coordinates of this size can tell apart.
+    #[error(
+        "a zoom of {zoom:e} is more than {most:.0e}, where a pixel is as small as the rounding of coordinates: zoom less"
+    )]
+    Zoom {
+        /// What was asked for.
+        zoom: f64,
+        /// The most.
+        most: f64,
+    },
     /// The picture has no pixels, or more than an image can hold.
     #[error("the picture's size must be 1 to {max} pixels a side, not {width}x{height}", max = Camera::MAX_SIDE)]
     Size {
@@ -208,10 +218,19 @@ impl Camera {
     /// camera slides sideways instead of turning).
     ///
     /// # Errors
-    /// As [`Camera::look_at`].
+    /// As [`Camera::look_at`]; and [`CameraError::Zoom`] where a pixel at the target would be smaller than the rounding of
+    /// its coordinates.
     pub fn zoomed(&self, target_in_world: DVec3, zoom: f64) -> Result<Self, CameraError> {
         if !(zoom > 0.0 && zoom.is_finite()) {
             return Err(CameraError::NotFinite("zoom"));
+        }
+        // A few roundings, of the target or of the way to it, to a pixel.
+        const ROUNDINGS: f64 = 4.0;
+        let depth = self.view_from_world(target_in_world).z;
+        let largest = target_in_world.abs().max(self.eye.abs()).max_element().max(depth.abs());
+        let most = self.footprint(depth.abs()) / (ROUNDINGS * f64::EPSILON * largest);
+        if zoom > most.max(1.0) {
+            return Err(CameraError::Zoom { zoom, most: most.max(1.0) });
         }
         match self.projection {
             Projection::Perspective { focal_px } => {
@@ -311,6 +330,18 @@ mod tests {
             assert!((px - DVec2::new(32.0, 24.0)).length() < 1e-9);
             let depth = near.view_from_world(target).z;
             assert!((camera.footprint(depth) / near.footprint(depth) - 10.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_zoom_beyond_the_numbers_is_refused() {
+        for lens in [Lens::FovY(40.0), Lens::Height(2.0)] {
+            let camera = camera(lens);
+            camera.zoomed(DVec3::ZERO, 1e9).unwrap();
+            let Err(CameraError::Zoom { most, .. }) = camera.zoomed(DVec3::ZERO, 1e30) else { panic!("{lens:?}") };
+            // A pixel is about 0.05 wide at a distance of 3.7; coordinates of 3 round by 4e-16.
+            assert!(most > 1e12 && most < 1e15, "{most}");
+            camera.zoomed(DVec3::ZERO, most).unwrap();
         }
     }
 

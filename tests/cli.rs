@@ -115,6 +115,8 @@ fn mistakes_have_their_codes_and_places() {
         ("render sphere:0,0,0,-1", 2, &["sphere:0,0,0,-1", "greater than 0"]),
         ("render sphere:0,0,0,1 --fov-y 200", 2, &["180"]),
         ("render sphere:0,0,0,1 --size 3", 2, &["1024x768"]),
+        ("render sphere:0,0,0,1 --zoom 1e30", 2, &["1e30", "zoom less"]),
+        ("render half-space:0,0,0,0,0,1", 3, &["`extent = …`", "seventh number"]),
         ("render sphere:0,0,0,1 -o - --summary-file -", 2, &["standard output"]),
         ("render", 2, &["SCENE"]),
         ("rendr x", 2, &["render"]),
@@ -164,6 +166,104 @@ fn check_says_what_will_not_work() {
     assert_eq!(json["leaves"][0]["health"]["is_inside_out"], true);
     let output = surfcut(here, "check good.obj --minus sphere:50,0,0,1");
     assert!(stdout(&output).contains("`sphere` cuts nothing"), "{}", stdout(&output));
+}
+
+#[test]
+fn check_sees_what_the_picture_would_lack() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let eye = |at: &str| SCENE.replace("units = 'mm'\n", &format!("camera = {{ eye = {at}, target = [0, 0, 0] }}\n"));
+    let inside = eye("[0.1, 0, -0.5]");
+    let outside = eye("[4, 0, 0]");
+    // Points on a line; a wall of 9 points with normals, before which a ball lies whose box misses its own.
+    let line: String = (0..60).map(|i| format!("{i} {i} 0\n")).collect();
+    let wall: String = (0..9).map(|i| format!("{} {} 0 0 0 1\n", i % 3, i / 3)).collect();
+    fs::write(here.join("line.xyz"), line).unwrap();
+    fs::write(here.join("wall.xyz"), wall).unwrap();
+    fs::write(here.join("point.xyz"), "0 0 0 0 0 1\n").unwrap();
+    for (name, text) in [
+        ("nothing.toml", SCENE.replace("ball - drill", "ball - ball")),
+        ("swallowed.toml", SCENE.replace("radius = 0.3 }", "radius = 3.0 }")),
+        ("all.toml", SCENE.replace("ball - drill", "ball | !ball")),
+        ("endless.toml", SCENE.replace("ball - drill", "!ball")),
+        ("inside.toml", inside),
+        ("outside.toml", outside),
+    ] {
+        fs::write(here.join(name), text).unwrap();
+    }
+    for (line, wanted, part) in [
+        ("nothing.toml", 5, "the result is empty"),
+        ("swallowed.toml", 5, "the result is empty"),
+        ("all.toml", 1, "all of space"),
+        ("endless.toml", 1, "no bounds"),
+        ("inside.toml", 1, "eye is inside"),
+        ("outside.toml", 0, "nothing is amiss"),
+        ("line.xyz", 1, "lie on one line"),
+        ("point.xyz", 1, "only one point"),
+        ("wall.xyz --and sphere:1,1,-9,2", 1, "only 9 different points"),
+        ("half-space:0,0,0,0,0,1,1", 1, "no bounds"),
+    ] {
+        let output = surfcut(here, &format!("check {line}"));
+        assert_eq!(code(&output), wanted, "{line}: {}{}", stdout(&output), stderr(&output));
+        assert!(stdout(&output).contains(part), "{line}: {}", stdout(&output));
+        assert!(!stdout(&output).contains("do not meet"), "{line}: {}", stdout(&output));
+    }
+    let output = surfcut(here, "check nothing.toml --summary-file -");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["is_empty"], &json["surfels"]["surface"]), (&true.into(), &0.into()));
+}
+
+#[test]
+fn check_tells_how_sure_estimated_normals_are() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    // A ball of 2000 points in even spirals.
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let ball: String = (0..2000)
+        .map(|i| {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
+            let (sin, cos) = (golden * f64::from(i)).sin_cos();
+            format!("{} {} {z}\n", (1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin)
+        })
+        .collect();
+    // And 2000 points all through a cube, which have no surface.
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1_u32 << 31)
+    };
+    let dust: String = (0..2000).map(|_| format!("{} {} {}\n", random(), random(), random())).collect();
+    fs::write(here.join("ball.xyz"), ball).unwrap();
+    fs::write(here.join("dust.xyz"), dust).unwrap();
+    let conversion = |file: &str| {
+        let output = surfcut(here, &format!("check {file} --summary-file -"));
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(json["leaves"][0]["conversion"]["estimated_normals"], 2000, "{json}");
+        let low = json["leaves"][0]["conversion"]["low_confidence"].as_f64().unwrap();
+        (code(&output), low)
+    };
+    let (ball, dust) = (conversion("ball.xyz"), conversion("dust.xyz"));
+    assert!(ball.0 == 0 && ball.1 < 0.01, "{ball:?}");
+    assert!(dust.0 == 1 && dust.1 > 0.05, "{dust:?}");
+    assert!(stdout(&surfcut(here, "check ball.xyz")).contains("median confidence"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn pictures_that_do_not_fit_are_refused_with_what_they_need() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    // Twice 2^30 pixels of hundreds of bytes: more than most machines have, and on those that have it the test is idle.
+    let bytes = surfcut::output::resources::available_memory_bytes().unwrap();
+    if bytes < 150 << 30 {
+        let line = "compare sphere:0,0,0,1 --pipeline reference --size 32768x32768";
+        let output = surfcut(here, line);
+        assert_eq!(code(&output), 3, "{}", stderr(&output));
+        for part in ["32768x32768", "GiB", "--size"] {
+            assert!(stderr(&output).contains(part), "{}", stderr(&output));
+        }
+    }
+    assert!(entries(here).is_empty());
 }
 
 #[test]

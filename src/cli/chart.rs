@@ -22,8 +22,9 @@ use surfcut::splat::{Clip, Inside, SplatSettings};
 use super::args::ChartArgs;
 use super::engine::{self, Engine, SplatScene};
 use super::failure::{InputError, UsageError, code};
+use super::memory::Held;
 use super::render::frame_args;
-use super::{Session, input};
+use super::{Session, input, memory};
 
 /// The files of a chart, by their endings.
 const ENDINGS: [&str; 4] = ["svg", "png", "csv", "json"];
@@ -53,6 +54,7 @@ pub fn run(args: &ChartArgs, session: &Session) -> anyhow::Result<u8> {
     let mut report = Report::new(std::env::args().collect());
     let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
+    memory::check(&camera, Held::Comparison)?;
     let frame = frame_args(&args.view, &loaded, false);
     let look = Look { light: loaded.scene.light, background: loaded.scene.background };
     let reference = engine::reference(&loaded, frame)?;

@@ -2,12 +2,15 @@
 
 use std::fmt::Write as _;
 
+use glam::DVec3;
 use serde_json::{Value, json};
+use surfcut::classify::{ClassCounts, Model};
 use surfcut::csg::LeafId;
-use surfcut::scene::framing::Extent;
+use surfcut::pipeline::{self, Density};
 use surfcut::scene::inspect::{CloudHealth, MeshHealth};
 use surfcut::scene::load::SceneNote;
 use surfcut::scene::{LeafGeometry, LeafKind, LoadedScene};
+use surfcut::surfel::CloudNotes;
 
 use super::args::CheckArgs;
 use super::failure::code;
@@ -30,6 +33,10 @@ const MANY_OUTLIERS: f64 = 1e-3;
 const IRREGULAR: f64 = 4.0;
 /// Scans whose spacings differ by more than this factor cut each other coarsely.
 const DENSITY_CONTRAST: f64 = 30.0;
+/// A surfel whose confidence is below this lies where neither its neighbours' fit nor their signs settle its normal.
+const LOW_CONFIDENCE: f64 = 0.25;
+/// Normals of a good scan are uncertain at its edges and specks only.
+const MANY_UNCERTAIN: f64 = 0.05;
 /// Leaves whose sizes differ by more than this factor are in different units, mostly.
 const SIZE_CONTRAST: f64 = 300.0;
 
@@ -86,9 +93,25 @@ enum Health {
     Exact,
 }
 
-/// Loads the scene, inspects every leaf and the scene as a whole.
+/// What became of a leaf's points on the way to surfels.
+#[derive(Debug, Clone, Copy)]
+struct OfCloud {
+    notes: CloudNotes,
+    /// Median confidence in the normals, 0 to 1, and the share of them below [`LOW_CONFIDENCE`].
+    confidence: (f64, f64),
+}
+
+/// What the scene comes to as surfels.
+struct AsSurfels {
+    counts: ClassCounts,
+    clouds: Vec<Option<OfCloud>>,
+    /// Whether the result is certainly empty.
+    is_empty: bool,
+}
+
+/// Loads the scene, inspects every leaf, and then the scene as a whole as the surfel pipeline would draw it.
 pub fn run(args: &CheckArgs, session: &Session) -> anyhow::Result<u8> {
-    let loaded = input::loaded(&args.scene, None, session.bars)?;
+    let mut loaded = input::loaded(&args.scene, None, session.bars)?;
     let bar = session.bars.count(loaded.geometry.len() as u64, "inspecting");
     let health: Vec<Health> = (0..loaded.geometry.len())
         .map(|index| {
@@ -110,9 +133,13 @@ pub fn run(args: &CheckArgs, session: &Session) -> anyhow::Result<u8> {
     }
     findings.leaf = None;
     judge_scene(&loaded, &health, &mut findings);
-    let is_empty = loaded.notes.contains(&SceneNote::CannotMeet);
-    session.print(&text(&loaded, &health, &findings.list))?;
-    let mut summary = serde_json::to_string_pretty(&summary(&loaded, &health, &findings.list))?;
+    // The points themselves go into the surfels: what is told about them is told first.
+    let leaves = leaf_lines(&loaded, &health);
+    let surfels = judge_as_surfels(&mut loaded, &health, session, &mut findings);
+    let is_empty = surfels.as_ref().is_some_and(|surfels| surfels.is_empty);
+    session.print(&format!("{leaves}{}", finding_lines(&findings.list)))?;
+    let summary = summary(&loaded, &health, surfels.as_ref(), &findings.list);
+    let mut summary = serde_json::to_string_pretty(&summary)?;
     summary.push('\n');
     session.write_summary(&summary)?;
     let worst = findings.list.iter().map(|finding| finding.severity).max();
@@ -141,7 +168,10 @@ fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, findin
     let share = |count: usize| count as f64 / health.points.max(1) as f64;
     let spacing = health.spacing;
     if health.points - health.duplicates.min(health.points) < FEWEST_POINTS {
-        let what = format!("only {} different points", health.points - health.duplicates);
+        let what = match health.points - health.duplicates {
+            1 => "only one point".to_owned(),
+            n => format!("only {n} different points"),
+        };
         findings.warn(what, "sample more densely: so few show disks rather than a surface");
     }
     if health.duplicates > 0 {
@@ -216,8 +246,16 @@ fn judge_mesh(health: &MeshHealth, is_solid: bool, findings: &mut Findings) {
 }
 
 fn judge_scene(loaded: &LoadedScene, health: &[Health], findings: &mut Findings) {
-    for note in loaded.notes.iter().filter(|note| note.is_warning()) {
-        findings.warn(note.to_string(), "");
+    for note in &loaded.notes {
+        match note {
+            // Whether they meet is asked of the surfels: boxes cannot tell for an open scan.
+            SceneNote::CannotMeet => {}
+            SceneNote::Unbounded => {
+                findings.warn(note.to_string(), "intersect it with something bounded if it should be closed");
+            }
+            note if note.is_warning() => findings.warn(note.to_string(), ""),
+            note => findings.note(note.to_string(), ""),
+        }
     }
     let name = |index: usize| loaded.scene.leaves[index].name.as_str();
     // What is cut away must meet what it is cut from.
@@ -289,7 +327,125 @@ fn judge_scene(loaded: &LoadedScene, health: &[Health], findings: &mut Findings)
     }
 }
 
-fn text(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> String {
+/// Converts and classifies the scene as `render` would for its own camera, and looks at what comes of it. `None` where it
+/// cannot be drawn, which is then a finding.
+fn judge_as_surfels(
+    loaded: &mut LoadedScene,
+    health: &[Health],
+    session: &Session,
+    findings: &mut Findings,
+) -> Option<AsSurfels> {
+    let camera = match loaded.camera() {
+        Ok(camera) => camera,
+        Err(error) => {
+            findings.warn(format!("the scene's camera cannot be used: {error}"), "");
+            return None;
+        }
+    };
+    let points = loaded.geometry.iter().map(|g| if let LeafGeometry::Cloud(c) = g { c.len() as u64 } else { 0 }).sum();
+    let bar = session.bars.count(points, "surfels");
+    let converted = pipeline::convert(loaded, &camera, Density::default(), &|points| bar.inc(points));
+    bar.finish_and_clear();
+    let prepared = match converted {
+        Ok(converted) => converted.classify(),
+        Err(error) => {
+            findings.warn(format!("the scene cannot be drawn: {error}"), "");
+            return None;
+        }
+    };
+    let of_cloud = |(index, notes): (usize, &Option<CloudNotes>)| {
+        let confidence = confidence(&prepared.model.fields[index].cloud.confidence);
+        notes.map(|notes| OfCloud { notes, confidence })
+    };
+    let clouds: Vec<Option<OfCloud>> = prepared.notes.iter().enumerate().map(of_cloud).collect();
+    for (index, (of_cloud, health)) in clouds.iter().zip(health).enumerate() {
+        findings.leaf = Some(loaded.scene.leaves[index].name.clone());
+        if let (Some(of_cloud), Health::Cloud(health)) = (of_cloud, health) {
+            judge_conversion(of_cloud, health, findings);
+        }
+    }
+    findings.leaf = None;
+    let is_empty = judge_result(&prepared.model, loaded, camera.eye, findings);
+    Some(AsSurfels { counts: prepared.model.counts(), clouds, is_empty })
+}
+
+/// The median of `confidence`, 0 to 1, and the share of it below [`LOW_CONFIDENCE`].
+fn confidence(confidence: &[u8]) -> (f64, f64) {
+    let mut sorted = confidence.to_vec();
+    sorted.sort_unstable();
+    let least = (LOW_CONFIDENCE * f64::from(u8::MAX)).ceil() as u8;
+    let low = sorted.partition_point(|&c| c < least);
+    let median = sorted.get(sorted.len() / 2).map_or(1.0, |&c| f64::from(c) / f64::from(u8::MAX));
+    (median, low as f64 / sorted.len().max(1) as f64)
+}
+
+fn judge_conversion(of_cloud: &OfCloud, health: &CloudHealth, findings: &mut Findings) {
+    let OfCloud { notes, confidence: (median, low) } = of_cloud;
+    if notes.estimated_normals > 0 {
+        let what = format!(
+            "{} normals are estimated, with a median confidence of {}; {} of the surfels are below {LOW_CONFIDENCE}",
+            notes.estimated_normals,
+            short(*median),
+            percent(*low)
+        );
+        if *low > MANY_UNCERTAIN {
+            findings.warn(what, "cuts are uncertain there: give the file normals, or clean and densify it");
+        } else {
+            findings.note(what, "");
+        }
+    }
+    if notes.components > 1 {
+        let what = format!("it falls into {} pieces, whose insides are told one by one", notes.components);
+        findings.note(what, "where one comes out inside-out, give the file normals");
+    }
+    if notes.cavities > 0 {
+        let what = format!("{} closed pieces lie inside others and are taken for cavities", notes.cavities);
+        findings.note(what, "give the file normals if they are solid");
+    }
+    if notes.inward && !health.normals.is_some_and(|normals| normals.enclosed < INWARD) {
+        findings.warn("its normals seem to look inwards", "turn them round, or write !leaf in the expression");
+    }
+    if notes.bad_radii > 0 {
+        findings.note(format!("{} radii of the file have no positive size", notes.bad_radii), "theirs are estimated");
+    }
+    if notes.isolated > 0 {
+        let what = format!("{} points hang in the air, off the surface about them", notes.isolated);
+        findings.note(what, "their disks are made as small as those about them; remove them if they are noise");
+    }
+}
+
+/// Whether the result is certainly empty; what else its surfels tell.
+fn judge_result(model: &Model, loaded: &LoadedScene, eye: DVec3, findings: &mut Findings) -> bool {
+    let counts = model.counts();
+    let tree = loaded.canonical_tree();
+    let mut found = Vec::new();
+    let eye_inside = tree.eval(|leaf| model.fields[leaf.0 as usize].contains(eye, &mut found));
+    if counts.surface + counts.edge() == 0 {
+        // Without a surface it is nothing or everything, and any point tells which.
+        if eye_inside {
+            findings.warn("the result is all of space: it has no surface", "look at the complements");
+            return false;
+        }
+        let what = if loaded.notes.contains(&SceneNote::CannotMeet) {
+            SceneNote::CannotMeet.to_string()
+        } else {
+            "the result is empty: nothing of any leaf's surface is left".to_owned()
+        };
+        findings.warn(what, "look at the expression, the transforms and which leaves are inside-out");
+        return true;
+    }
+    if counts.surface + counts.inside_edge == 0 {
+        let what = "every surfel lies off the result: it is empty, or thinner than the surfels are wide";
+        findings.warn(what, "draw it and look; sample more densely if something should be there");
+    }
+    if eye_inside {
+        let what = "the camera's eye is inside the result: all that is seen of it is from within";
+        findings.warn(what, "move the eye out of it");
+    }
+    false
+}
+
+fn leaf_lines(loaded: &LoadedScene, health: &[Health]) -> String {
     let mut out = String::new();
     for (index, leaf) in loaded.scene.leaves.iter().enumerate() {
         let detail = match &health[index] {
@@ -304,6 +460,11 @@ fn text(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> String
         // Writing to a string cannot fail.
         let _ = writeln!(out, "leaf {}: {}, {}{detail}", leaf.name, geometry.name(), content(geometry));
     }
+    out
+}
+
+fn finding_lines(findings: &[Finding]) -> String {
+    let mut out = String::new();
     for finding in findings {
         let leaf = finding.leaf.as_ref().map(|leaf| format!("`{leaf}`: ")).unwrap_or_default();
         let mend = if finding.mend.is_empty() { String::new() } else { format!("; {}", finding.mend) };
@@ -311,14 +472,15 @@ fn text(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> String
     }
     let warnings = findings.iter().filter(|finding| finding.severity == Severity::Warning).count();
     let _ = match warnings {
-        0 => writeln!(out, "nothing is amiss"),
+        0 if findings.is_empty() => writeln!(out, "nothing is amiss"),
+        0 => writeln!(out, "no warnings"),
         1 => writeln!(out, "1 warning"),
         n => writeln!(out, "{n} warnings"),
     };
     out
 }
 
-fn summary(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> Value {
+fn summary(loaded: &LoadedScene, health: &[Health], surfels: Option<&AsSurfels>, findings: &[Finding]) -> Value {
     let leaves: Vec<Value> = health
         .iter()
         .enumerate()
@@ -353,10 +515,24 @@ fn summary(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> Val
                 }),
                 Health::Exact => Value::Null,
             };
+            let of_cloud = surfels.and_then(|surfels| surfels.clouds[index]).map(|of_cloud| {
+                let OfCloud { notes, confidence } = of_cloud;
+                json!({
+                    "estimated_normals": notes.estimated_normals,
+                    "median_confidence": confidence.0,
+                    "low_confidence": confidence.1,
+                    "components": notes.components,
+                    "cavities": notes.cavities,
+                    "bad_radii": notes.bad_radii,
+                    "isolated": notes.isolated,
+                    "inward": notes.inward,
+                })
+            });
             json!({
                 "name": loaded.scene.leaves[index].name,
                 "geometry": loaded.geometry[index].name(),
                 "health": detail,
+                "conversion": of_cloud,
             })
         })
         .collect();
@@ -373,7 +549,13 @@ fn summary(loaded: &LoadedScene, health: &[Health], findings: &[Finding]) -> Val
         .collect();
     json!({
         "surfcut": env!("CARGO_PKG_VERSION"),
-        "is_empty": loaded.extent() == Extent::Empty,
+        "is_empty": surfels.is_some_and(|surfels| surfels.is_empty),
+        "surfels": surfels.map(|surfels| json!({
+            "surface": surfels.counts.surface,
+            "inside_edge": surfels.counts.inside_edge,
+            "outside_edge": surfels.counts.outside_edge,
+            "outside": surfels.counts.outside,
+        })),
         "leaves": leaves,
         "findings": findings,
     })

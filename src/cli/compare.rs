@@ -13,7 +13,8 @@ use surfcut::space::Camera;
 use super::args::{CompareArgs, PipelineArgs};
 use super::engine::{FrameArgs, engine};
 use super::failure::code;
-use super::{Session, input};
+use super::memory::Held;
+use super::{Session, input, memory};
 
 /// Draws the scene twice and measures the first picture against the second.
 pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
@@ -24,6 +25,7 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let mut report = Report::new(std::env::args().collect());
     let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
+    memory::check(&camera, Held::Comparison)?;
     // All boundaries unless asked otherwise: how many there are is one of the measures.
     let frame = FrameArgs { samples: args.view.samples, limit: args.view.layers.unwrap_or(LayerLimit::All) };
     let with = PipelineArgs {

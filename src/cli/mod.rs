@@ -8,6 +8,7 @@ mod engine;
 mod failure;
 mod info;
 mod input;
+mod memory;
 mod progress;
 mod render;
 

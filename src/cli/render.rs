@@ -15,7 +15,8 @@ use surfcut::space::{Camera, CameraError, Lens, Projection};
 use super::args::{RenderArgs, ViewArgs};
 use super::engine::{Engine, FrameArgs, engine};
 use super::failure::{UsageError, code};
-use super::{Session, input};
+use super::memory::Held;
+use super::{Session, input, memory};
 
 /// The picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +36,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
+    memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
     let frame = frame_args(&args.view, &loaded, wants_layers);
     describe(args, &camera, frame, &loaded, &mut report);
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;

@@ -1,4 +1,4 @@
-//! What a run used: processor time over all threads, and peak memory.
+//! What a run used, processor time over all threads and peak memory, and what memory it may still use.
 
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -56,6 +56,31 @@ fn peak_resident_bytes() -> Option<u64> {
     None
 }
 
+/// The memory in bytes that this process can still take without pushing others out, where the system tells: what the
+/// machine has free, or what its container's limit leaves, if that is less.
+pub fn available_memory_bytes() -> Option<u64> {
+    available_bytes()
+}
+
+#[cfg(target_os = "linux")]
+fn available_bytes() -> Option<u64> {
+    const BYTES_PER_KIB: u64 = 1024;
+    let machine = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = machine.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let free = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(BYTES_PER_KIB)?;
+    // Control groups, version 2: "max" where there is no limit.
+    let number = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
+    let of_container = number("/sys/fs/cgroup/memory.max")
+        .zip(number("/sys/fs/cgroup/memory.current"))
+        .map(|(limit, used)| limit.saturating_sub(used));
+    Some(of_container.map_or(free, |left| left.min(free)))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn available_bytes() -> Option<u64> {
+    None
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,6 +105,13 @@ mod tests {
         let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
         assert!(used > 5.0, "{used}");
         assert!(used < wall.elapsed().as_secs_f64() * 1e3 * (cores + 1.0));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_machine_has_some_memory_and_no_exabyte() {
+        let available = available_memory_bytes().unwrap();
+        assert!(available > 1 << 20 && available < 1 << 60, "{available}");
     }
 
     #[cfg(target_os = "linux")]

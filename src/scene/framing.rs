@@ -86,15 +86,15 @@ pub enum Extent {
     Unbounded(Option<Bounds>),
 }
 
-/// Where the result of `tree` can be, from its leaves' boxes in world space (`None`: a leaf without bounds).
-pub fn extent(tree: &Tree, leaf_bounds: impl Fn(LeafId) -> Option<Bounds>) -> Extent {
+/// Where the result of `tree` can be, from where its leaves are, world space.
+pub fn extent(tree: &Tree, leaf_extent: impl Fn(LeafId) -> Extent) -> Extent {
     let positive = tree.positive();
     let mut stack: Vec<Extent> = Vec::new();
     for node in positive.nodes() {
         let value = match node {
-            PositiveNode::Literal(literal) => match leaf_bounds(literal.leaf) {
-                Some(bounds) if !literal.negated => Extent::Within(bounds),
-                bounds => Extent::Unbounded(bounds),
+            PositiveNode::Literal(literal) => match leaf_extent(literal.leaf) {
+                Extent::Within(bounds) if literal.negated => Extent::Unbounded(Some(bounds)),
+                extent => extent,
             },
             PositiveNode::And(..) | PositiveNode::Or(..) => {
                 let (Some(b), Some(a)) = (stack.pop(), stack.pop()) else { return Extent::Unbounded(None) };
@@ -107,6 +107,15 @@ pub fn extent(tree: &Tree, leaf_bounds: impl Fn(LeafId) -> Option<Bounds>) -> Ex
 }
 
 impl Extent {
+    /// The box, if there is one.
+    pub fn bounds(self) -> Option<Bounds> {
+        match self {
+            Self::Empty => None,
+            Self::Within(bounds) => Some(bounds),
+            Self::Unbounded(bounds) => bounds,
+        }
+    }
+
     fn and(self, other: Self) -> Self {
         match (self, other) {
             (Self::Empty, _) | (_, Self::Empty) => Self::Empty,
@@ -135,18 +144,18 @@ fn around_both(a: Option<Bounds>, b: Option<Bounds>) -> Option<Bounds> {
     }
 }
 
-/// The camera that frames `scene`: `leaf_bounds` gives a leaf's box in world space, `None` for a half-space, and
-/// `drawn_bounds` the box of what is drawn of it in any case.
+/// The camera that frames `scene`: `leaf_extent` tells where a leaf is in world space, and `drawn_bounds` the box of what
+/// is drawn of it in any case.
 pub fn frame(
     scene: &Scene,
-    leaf_bounds: impl Fn(LeafId) -> Option<Bounds>,
+    leaf_extent: impl Fn(LeafId) -> Extent,
     drawn_bounds: impl Fn(LeafId) -> Bounds,
 ) -> CameraSpec {
     let all = || (0..scene.leaves.len() as u32).map(LeafId);
-    let bounds = match extent(&scene.tree, &leaf_bounds) {
+    let bounds = match extent(&scene.tree, &leaf_extent) {
         Extent::Within(bounds) | Extent::Unbounded(Some(bounds)) => Some(bounds),
         // An empty picture of where something might have been.
-        Extent::Empty => all().filter_map(&leaf_bounds).reduce(Bounds::union),
+        Extent::Empty => all().filter_map(|leaf| leaf_extent(leaf).bounds()).reduce(Bounds::union),
         Extent::Unbounded(None) => None,
     };
     let bounds = bounds.or_else(|| all().map(drawn_bounds).reduce(Bounds::union));
@@ -195,19 +204,20 @@ mod tests {
         Bounds { min: centre - half, max: centre + half }
     }
 
-    /// Leaves a and b overlap, c lies apart, h has no bounds.
-    fn leaf_bounds(leaf: LeafId) -> Option<Bounds> {
+    /// Leaves a and b overlap, c lies apart, h has no bounds, and f is a flat scan of the size of c.
+    fn leaf_extent(leaf: LeafId) -> Extent {
         match leaf.0 {
-            0 => Some(cube(DVec3::ZERO, 1.0)),
-            1 => Some(cube(DVec3::X, 1.0)),
-            2 => Some(cube(DVec3::X * 10.0, 1.0)),
-            _ => None,
+            0 => Extent::Within(cube(DVec3::ZERO, 1.0)),
+            1 => Extent::Within(cube(DVec3::X, 1.0)),
+            2 => Extent::Within(cube(DVec3::X * 10.0, 1.0)),
+            3 => Extent::Unbounded(None),
+            _ => Extent::Unbounded(Some(cube(DVec3::X * 10.0, 1.0))),
         }
     }
 
     fn extent_of(text: &str) -> Extent {
-        let tree = expression::parse(text, &mut |name| "abch".find(name).map(|i| LeafId(i as u32))).unwrap();
-        extent(&tree, leaf_bounds)
+        let tree = expression::parse(text, &mut |name| "abchf".find(name).map(|i| LeafId(i as u32))).unwrap();
+        extent(&tree, leaf_extent)
     }
 
     #[test]
@@ -221,9 +231,12 @@ mod tests {
         assert_eq!(extent_of("a - h"), extent_of("a"));
         assert_eq!(extent_of("!!a"), extent_of("a"));
         assert_eq!(extent_of("(a & c) | b"), extent_of("b"));
-        assert_eq!(extent_of("h - a"), Extent::Unbounded(leaf_bounds(LeafId(0))));
-        assert_eq!(extent_of("a | h"), Extent::Unbounded(leaf_bounds(LeafId(0))));
+        assert_eq!(extent_of("h - a"), Extent::Unbounded(leaf_extent(LeafId(0)).bounds()));
+        assert_eq!(extent_of("a | h"), Extent::Unbounded(leaf_extent(LeafId(0)).bounds()));
         assert_eq!(extent_of("h"), Extent::Unbounded(None));
+        // A flat scan stands for a half-space, so its box bounds nothing.
+        assert_eq!(extent_of("a & f"), extent_of("a"));
+        assert_eq!(extent_of("f"), extent_of("!c"));
     }
 
     #[test]

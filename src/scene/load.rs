@@ -8,6 +8,7 @@ use std::sync::Arc;
 use glam::DAffine3;
 use rayon::prelude::*;
 
+use super::endless::{self, Far, Spread};
 use super::framing::{self, Bounds, Extent};
 use super::inline_solid::{self, EXTENT_OF_THE_SCENE};
 use super::{CameraSpec, LeafKind, LeafSource, Scene, Truth, colour};
@@ -99,7 +100,8 @@ pub enum LoadError {
     /// A half-space without an extent, and nothing to take one from.
     #[error(
         "leaf `{leaf}` is a half-space without `extent`, and the scene has nothing bounded to take one from: add \
-         `extent = …`, the distance from its point as far as which it is drawn"
+         `extent = …`, the distance from its point as far as which it is drawn, or on the command line a seventh number \
+         behind its normal"
     )]
     NoExtent {
         /// The leaf.
@@ -168,6 +170,11 @@ pub enum SceneNote {
         /// The leaf.
         leaf: String,
     },
+    /// A leaf's points lie on one line and have no normals.
+    Line {
+        /// The leaf.
+        leaf: String,
+    },
     /// The operands of the expression do not meet.
     CannotMeet,
     /// The result has no bounds.
@@ -180,7 +187,7 @@ impl SceneNote {
         match self {
             Self::File { note, .. } => note.is_warning(),
             Self::SameContent { .. } | Self::Unbounded => false,
-            Self::Unused { .. } | Self::CannotMeet => true,
+            Self::Unused { .. } | Self::Line { .. } | Self::CannotMeet => true,
         }
     }
 }
@@ -193,6 +200,11 @@ impl fmt::Display for SceneNote {
                 write!(f, "leaf `{leaf}` has the content and the place of `{earlier}`: the two are one")
             }
             Self::Unused { leaf } => write!(f, "leaf `{leaf}` is not used by the expression"),
+            Self::Line { leaf } => write!(
+                f,
+                "the points of leaf `{leaf}` lie on one line and have no normals, so the surface that is drawn is a guess: \
+                 give the file normals, or look at its columns"
+            ),
             Self::CannotMeet => f.write_str(
                 "the operands of an intersection do not meet, so the result is empty: look at the transforms",
             ),
@@ -216,6 +228,8 @@ pub struct LoadedScene {
     pub canonical: Vec<LeafId>,
     /// The leaves' boxes in world space; `None` for a half-space.
     pub bounds: Vec<Option<Bounds>>,
+    /// What the leaves are far from the origin: half-spaces, and solid scans of a plane, go on without end.
+    pub far: Vec<Far>,
     /// The files that were read, each once.
     pub files: Vec<LoadedFile>,
     /// What the user should know.
@@ -238,6 +252,7 @@ pub fn load(scene: Scene, options: &ReadOptions, progress: &dyn Progress) -> Res
         is_unoriented: Vec::new(),
         canonical: Vec::new(),
         bounds: Vec::new(),
+        far: Vec::new(),
         files: Vec::new(),
         notes: Vec::new(),
         scene,
@@ -285,6 +300,7 @@ pub fn load(scene: Scene, options: &ReadOptions, progress: &dyn Progress) -> Res
     }
     loaded.files = files.into_infos();
     loaded.bounds = (0..loaded.geometry.len()).into_par_iter().map(|i| loaded.bounds_of(i)).collect();
+    loaded.far = (0..loaded.geometry.len()).into_par_iter().map(|i| loaded.far_of(i)).collect();
     loaded.give_extents()?;
     loaded.find_equal_leaves();
     loaded.gather_notes();
@@ -331,13 +347,40 @@ impl LoadedScene {
     /// The scene's camera as a user would write it, or one that frames the result.
     pub fn camera_spec(&self) -> CameraSpec {
         self.scene.camera.unwrap_or_else(|| {
-            framing::frame(&self.scene, |leaf| self.bounds[leaf.0 as usize], |leaf| self.drawn_bounds(leaf))
+            framing::frame(&self.scene, |leaf| self.leaf_extent(leaf), |leaf| self.drawn_bounds(leaf))
         })
     }
 
     /// Where the result can be, world space.
     pub fn extent(&self) -> Extent {
-        framing::extent(&self.scene.tree, |leaf| self.bounds[leaf.0 as usize])
+        framing::extent(&self.scene.tree, |leaf| self.leaf_extent(leaf))
+    }
+
+    /// Whether the result goes on without end.
+    pub fn is_endless(&self) -> bool {
+        endless::is_endless(&self.scene.tree, |leaf| self.far[leaf.0 as usize])
+    }
+
+    fn leaf_extent(&self, leaf: LeafId) -> Extent {
+        let index = leaf.0 as usize;
+        match (self.far[index], self.bounds[index]) {
+            (Far::Nothing, Some(bounds)) => Extent::Within(bounds),
+            (_, bounds) => Extent::Unbounded(bounds),
+        }
+    }
+
+    fn far_of(&self, index: usize) -> Far {
+        let leaf = &self.scene.leaves[index];
+        let normal = match &self.geometry[index] {
+            LeafGeometry::Solid(Solid::HalfSpace { normal, .. }) => {
+                (leaf.world_from_leaf.matrix3.inverse().transpose() * *normal).try_normalize()
+            }
+            LeafGeometry::Cloud(cloud) if leaf.kind == LeafKind::Solid => {
+                endless::half_space_of(cloud, &leaf.world_from_leaf)
+            }
+            _ => None,
+        };
+        normal.map_or(Far::Nothing, Far::HalfSpace)
     }
 
     fn drawn_bounds(&self, leaf: LeafId) -> Bounds {
@@ -434,11 +477,17 @@ impl LoadedScene {
             if used.binary_search(&LeafId(index as u32)).is_err() {
                 self.notes.push(SceneNote::Unused { leaf: leaf.name.clone() });
             }
+            if let LeafGeometry::Cloud(cloud) = &self.geometry[index]
+                && cloud.normals.is_none()
+                && Spread::of(cloud, &leaf.world_from_leaf) == Spread::Line
+            {
+                self.notes.push(SceneNote::Line { leaf: leaf.name.clone() });
+            }
         }
-        match self.extent() {
-            Extent::Empty => self.notes.push(SceneNote::CannotMeet),
-            Extent::Unbounded(_) => self.notes.push(SceneNote::Unbounded),
-            Extent::Within(_) => {}
+        if self.extent() == Extent::Empty {
+            self.notes.push(SceneNote::CannotMeet);
+        } else if self.is_endless() {
+            self.notes.push(SceneNote::Unbounded);
         }
     }
 

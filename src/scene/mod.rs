@@ -13,6 +13,7 @@ use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Lens};
 
 pub mod colour;
+pub mod endless;
 pub mod framing;
 pub mod inline_solid;
 pub mod inspect;
