@@ -32,7 +32,7 @@ const AREA_PER_RADIUS_SQUARED: f64 = std::f64::consts::PI / (1.3 * 1.3 * 6.5);
 /// |Σ a n| / Σ a above which a scan counts as open. A scanned bone with a missing end has about 0.1, a half-space 1.
 const MOST_OPENNESS: f64 = 0.3;
 
-/// A plane's sign is taken when the point is farther from it than its own radius plus this share of the surfel's: a
+/// A surfel's sign is taken where its disk is farther from the point than the point's own radius plus this share of its own: a
 /// curved or noisy surface leaves its surfel's plane by less within the disk.
 const PLANE_MARGIN: f32 = 0.25;
 
@@ -123,13 +123,15 @@ impl LeafField {
             let e = (centre_in_world - self.cloud.centre(t as usize)).as_vec3();
             e.dot(self.cloud.surfels[t as usize].normal)
         };
-        let nearest_height = height(nearest);
-        let clear = nearest_height.abs() > radius + PLANE_MARGIN * self.cloud.surfels[nearest as usize].radius;
-        if clear && found.iter().all(|&(t, _)| (height(t) < 0.0) == (nearest_height < 0.0)) {
-            side(nearest_height < 0.0)
-        } else {
-            Membership::Near
-        }
+        let is_inside = height(nearest) < 0.0;
+        // Each disk must keep clear of the ball, not the nearest alone: under irregular sampling a large disk with a far centre
+        // may pass through the ball while the small one nearest to it lies aside.
+        let clear = |&(t, distance): &(u32, f32)| {
+            let (h, disk) = (height(t), self.cloud.surfels[t as usize].radius);
+            let beyond_border = ((distance * distance - h * h).max(0.0).sqrt() - disk).max(0.0);
+            (h < 0.0) == is_inside && h.hypot(beyond_border) > radius + PLANE_MARGIN * disk
+        };
+        if found.iter().all(clear) { side(is_inside) } else { Membership::Near }
     }
 
     /// Whether a point is inside, decided by the curved field where surfels reach it, else by the nearest one's plane or
