@@ -180,7 +180,7 @@ fn check_sees_what_the_picture_would_lack() {
     let wall: String = (0..9).map(|i| format!("{} {} 0 0 0 1\n", i % 3, i / 3)).collect();
     fs::write(here.join("line.xyz"), line).unwrap();
     fs::write(here.join("wall.xyz"), wall).unwrap();
-    fs::write(here.join("point.xyz"), "0 0 0 0 0 1\n").unwrap();
+    fs::write(here.join("point.xyz"), "0 0 0\n").unwrap();
     for (name, text) in [
         ("nothing.toml", SCENE.replace("ball - drill", "ball - ball")),
         ("swallowed.toml", SCENE.replace("radius = 0.3 }", "radius = 3.0 }")),
@@ -200,7 +200,8 @@ fn check_sees_what_the_picture_would_lack() {
         ("outside.toml", 0, "nothing is amiss"),
         ("line.xyz", 1, "lie on one line"),
         ("point.xyz", 1, "only one point"),
-        ("wall.xyz --and sphere:1,1,-9,2", 1, "only 9 different points"),
+        ("wall.xyz --and sphere:1,1,-9,2", 0, "stands for the half-space"),
+        ("wall.xyz", 1, "no bounds"),
         ("half-space:0,0,0,0,0,1,1", 1, "no bounds"),
     ] {
         let output = surfcut(here, &format!("check {line}"));

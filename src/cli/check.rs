@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use surfcut::classify::{ClassCounts, Model};
 use surfcut::csg::LeafId;
 use surfcut::pipeline::{self, Density};
+use surfcut::scene::endless::Far;
 use surfcut::scene::inspect::{CloudHealth, MeshHealth};
 use surfcut::scene::load::SceneNote;
 use surfcut::scene::{LeafGeometry, LeafKind, LoadedScene};
@@ -126,7 +127,10 @@ pub fn run(args: &CheckArgs, session: &Session) -> anyhow::Result<u8> {
         findings.leaf = Some(loaded.scene.leaves[index].name.clone());
         let is_solid = loaded.scene.leaves[index].kind == LeafKind::Solid;
         match health {
-            Health::Cloud(health) => judge_cloud(health, is_solid, loaded.is_unoriented[index], &mut findings),
+            Health::Cloud(health) => {
+                let is_unoriented = loaded.is_unoriented[index];
+                judge_cloud(health, is_solid, is_unoriented, loaded.far[index], &mut findings);
+            }
             Health::Mesh(health) => judge_mesh(health, is_solid, &mut findings),
             Health::Exact => {}
         }
@@ -164,10 +168,14 @@ fn percent(share: f64) -> String {
     format!("{} %", short(100.0 * share))
 }
 
-fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, findings: &mut Findings) {
+fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, far: Far, findings: &mut Findings) {
     let share = |count: usize| count as f64 / health.points.max(1) as f64;
     let spacing = health.spacing;
-    if health.points - health.duplicates.min(health.points) < FEWEST_POINTS {
+    // However few points it has, and with no other side.
+    let is_half_space = far != Far::Nothing;
+    if is_half_space {
+        findings.note("its points lie in one plane: it stands for the half-space behind them", "");
+    } else if health.points - health.duplicates.min(health.points) < FEWEST_POINTS {
         let what = match health.points - health.duplicates {
             1 => "only one point".to_owned(),
             n => format!("only {n} different points"),
@@ -206,6 +214,9 @@ fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, findin
     if normals.against_neighbours > AGAINST_NEIGHBOURS {
         let what = format!("{} of the normals point against their neighbours'", percent(normals.against_neighbours));
         findings.warn(what, "orient the normals consistently, or remove them so that they are estimated");
+    }
+    if is_half_space {
+        return;
     }
     if is_solid && normals.openness > OPEN {
         let what = format!("an open surface: {} of its area has no other side", percent(normals.openness));
@@ -280,6 +291,7 @@ fn judge_scene(loaded: &LoadedScene, health: &[Health], findings: &mut Findings)
     }
     // Sizes and spacings, each with its leaf.
     let sizes = loaded.bounds.iter().enumerate().filter_map(|(i, bounds)| Some((bounds.as_ref()?.diagonal(), i)));
+    let sizes = sizes.filter(|(size, i)| *size > 0.0 && loaded.far[*i] == Far::Nothing);
     let by_value = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0);
     let (least, most) = (sizes.clone().min_by(by_value), sizes.max_by(by_value));
     if let (Some((least, a)), Some((most, b))) = (least, most)
