@@ -4,7 +4,7 @@
 //! Wicke 2004 §3.1.1. A surfel *clips* a point that is not behind it: x is inside where (x − c)·n < 0 (eq. 3). One nearest
 //! surfel makes jagged edges, so the paper takes the two nearest, s₁ and s₂: they are *concave* where each clips the
 //! other's centre (Fig. 3), and then either may let the point in (eq. 4), else both must (eq. 5). Zwicker 2004 discards
-//! what any clipping plane discards, which is wrong at concave edges. DESIGN §3.6: planes blended by
+//! what any clipping plane discards, which is wrong at concave edges. Two more are ours: planes blended by
 //! w = (1 − |e|²/r²)⁴, e = x − c, and the same with curved surfels, f(x) = Σ w (n·e + ½ eᵀMe) / Σ w.
 //!
 //! # Changes from the paper
@@ -212,7 +212,7 @@ mod tests {
 
     /// Figure 3 (a): a valley between two slopes, material below both surfaces' union of half-spaces.
     #[test]
-    fn a_concave_pair_lets_in_what_either_lets_in() {
+    fn figure_3a_a_concave_pair_lets_in_what_either_lets_in() {
         // Slopes z = -x for x < 0 seen from the right and z = x for x > 0: normals lean towards each other.
         let disks = [
             disk(Vec3::new(-1.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 1.0)),
@@ -232,7 +232,7 @@ mod tests {
 
     /// Figure 3 (b): a ridge.
     #[test]
-    fn a_convex_pair_lets_in_what_both_let_in() {
+    fn figure_3b_a_convex_pair_lets_in_what_both_let_in() {
         let disks = [
             disk(Vec3::new(-1.0, 0.0, -1.0), Vec3::new(-1.0, 0.0, 1.0)),
             disk(Vec3::new(1.0, 0.0, -1.0), Vec3::new(1.0, 0.0, 1.0)),

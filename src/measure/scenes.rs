@@ -252,6 +252,18 @@ pub fn femoral_cutters(scale: f64) -> [Solid; 2] {
     [ball([0.75, -0.35, 0.55], 0.62), ball([0.35, -0.95, 0.1], 0.55)]
 }
 
+/// The edge between two differently sampled surfaces (Wicke 2004, Fig. 2b and c): a fine ball cut by a coarse, irregular
+/// drill. (On a sphere the plane of the closest surfel is also the highest, so a second one changes nothing.)
+pub fn figure_2() -> Case {
+    let drill = cylinder([0.1, 0.0, 0.0], [0.34, -0.2, 0.92], 1.5, 0.4);
+    let leaves = vec![
+        leaf("fine", sphere([0.0; 3], 1.0), ScanOptions::regular(6_000, 1)),
+        leaf("coarse", drill, ScanOptions::regular(600, 2).sampled(Sampling::IRREGULAR)),
+    ];
+    let about = "A fine ball minus a coarse drill (Wicke 2004, Fig. 2): 6000 and 600 points";
+    Case::new("figure_2", about, leaves, "fine - coarse", view_from([0.6, -0.9, 3.2]))
+}
+
 /// The points that the accuracy tables use: five touching spheres, 374 surfels each and one of them 375.
 const SPHERE_POINTS: [usize; 5] = [375, 374, 374, 374, 374];
 

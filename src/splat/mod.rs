@@ -9,6 +9,8 @@ pub mod bins;
 pub mod clip;
 pub mod clip_buffer;
 pub mod ewa;
+#[cfg(test)]
+mod figure_tests;
 pub mod fragment;
 pub mod frame;
 pub mod hits;

@@ -1,4 +1,4 @@
-//! The paper's figures and the design's counter-examples, against rays cast at the shapes themselves.
+//! The paper's rules and our counter-examples, against rays cast at the shapes themselves.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
 
@@ -6,7 +6,7 @@ use super::frame::Frame;
 use super::settings::{Clip, Inside, Partners, SplatSettings, Unknown};
 use super::test_scenes::*;
 use crate::classify::partners::{Among, PartnerLists, SurfelId, admits};
-use crate::classify::{Class, LeafField, Model, Wicke};
+use crate::classify::{LeafField, Model};
 use crate::csg::LeafId;
 use crate::geometry::Solid;
 use crate::geometry::exact::Exact;
@@ -71,69 +71,7 @@ fn every_setting_draws_three_spheres() {
     }
 }
 
-/// Wicke 2004, Figure 4: without outside-edge surfels the edge of a cube has holes.
-#[test]
-fn figure_4_the_edge_needs_its_outside_surfels() {
-    let half = 0.5;
-    let normals = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
-    let leaves: Vec<(Shape, usize)> = normals.iter().map(|n| (Shape::HalfSpace(*n * half, *n), 144)).collect();
-    let text = "a & b & c & d & e & f";
-    // Twelve rows, 0.15 apart: the last one inside ends 0.125 before the edge, the next lies 0.025 beyond it. Disks just
-    // cover: a square grid's sixth neighbour is across the diagonal, half of which a radius must be.
-    let (side, just_covering) = (1.8, 0.55);
-    let fields: Vec<LeafField> =
-        leaves.iter().map(|(s, n)| LeafField::new(s.surfels(*n, side, just_covering), None, LeafKind::Solid)).collect();
-    let mut model = Model::new(&tree(text), fields, looks(leaves.len()));
-    let counts = model.counts();
-    assert!(counts.outside_edge > 0 && counts.inside_edge > 0, "{counts:?}");
-    let camera = camera(DVec3::new(2.2, -2.9, 2.0), DVec3::ZERO, 25.0, 256);
-    let truth = cast_all(&tree(text), &shapes(&leaves), &camera);
-    let settings = PAPER_RESOLVED;
-    let lists = PartnerLists::in_space(&model, Among::NearLeaves);
-    let picture = |model: &Model| {
-        let frame = Frame::new(model, camera.clone(), LayerLimit::Nearest, 1, settings, Some(&lists));
-        compare(&truth, &LayerStack::collect(&frame), 1)
-    };
-    let with = picture(&model);
-    for of_leaf in &mut model.classes {
-        for class in &mut of_leaf.classes {
-            if class.wicke() == Wicke::OutsideEdge {
-                *class = Class::default();
-            }
-        }
-    }
-    let without = picture(&model);
-    assert_eq!(with.all(), 0, "{with:?}");
-    assert!(without.holes > 100, "{without:?}");
-}
-
-/// Figure 5: (A ∩ B) ∩ C, the patch of C parallel to the picture; a surfel of C that reaches A and not B has partners of A
-/// alone, and is clipped by A alone.
-#[test]
-fn figure_5_an_unknown_leaf_drops_out() {
-    let leaves = [
-        (Shape::HalfSpace(DVec3::new(0.5, 0.0, 0.0), DVec3::X), 900),
-        (Shape::HalfSpace(DVec3::new(0.0, 0.5, 0.0), DVec3::Y), 900),
-        (Shape::HalfSpace(DVec3::ZERO, DVec3::Z), 900),
-    ];
-    let model = model("a & b & c", &leaves);
-    let lists = PartnerLists::in_space(&model, Among::EdgeSurfels);
-    let partners_by_leaf = |at: DVec3| {
-        let c = &model.fields[2];
-        let (index, _) = c.nearest(at).unwrap();
-        let of = lists.of(SurfelId { leaf: LeafId(2), index });
-        [0, 1].map(|leaf| of.iter().filter(|t| t.leaf == LeafId(leaf)).count() > 0)
-    };
-    assert_eq!(partners_by_leaf(DVec3::new(0.5, 0.5, 0.0)), [true, true]);
-    assert_eq!(partners_by_leaf(DVec3::new(0.5, -0.6, 0.0)), [true, false]);
-    assert_eq!(partners_by_leaf(DVec3::new(-0.6, -0.6, 0.0)), [false, false]);
-    let camera = camera(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, 25.0, 200);
-    let truth = cast_all(&tree("a & b & c"), &shapes(&leaves), &camera);
-    let wrong = compare(&truth, &draw(&model, &camera, PAPER), 1);
-    assert!(wrong.all() == 0 && wrong.covered > 5000, "{wrong:?}");
-}
-
-/// DESIGN §3.4: coarse surfels of A next to fine ones of B and C find no *edge* surfels there, and drop those leaves from
+/// Coarse surfels of A next to fine ones of B and C find no *edge* surfels there, and drop those leaves from
 /// the expression.
 #[test]
 fn density_contrast_breaks_the_papers_unknown_and_not_the_residual() {
