@@ -19,6 +19,7 @@ use surfcut::measure::open::{open_reference, open_surfels};
 use surfcut::measure::scenes::{Case, accuracy_cases, unknown_cases};
 use surfcut::measure::suite::{DrawError, Drawer, Measured, Outcome, Row, Setting, SuiteOptions, Table, run, short};
 use surfcut::measure::sweeps::sweeps;
+use surfcut::measure::unknown_search::{WORST, random_case};
 use surfcut::output::Destination;
 use surfcut::scene::Scene;
 use surfcut::splat::{Clip, Inside, SplatSettings};
@@ -48,7 +49,7 @@ fn main() -> anyhow::Result<()> {
             write(&folder.join("accuracy_rows.json"), serde_json::to_string_pretty(&table)?.as_bytes())
         }
         "unknown" => {
-            let cases: Vec<Case> = unknown_cases().into_iter().filter(chosen).collect();
+            let cases: Vec<Case> = unknown_cases().into_iter().chain(WORST.map(random_case)).filter(chosen).collect();
             print!("{}", measured(&cases, &two_settings(), SUITE).markdown());
             Ok(())
         }

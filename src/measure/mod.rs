@@ -7,6 +7,7 @@
 //! * [`scenes`] holds the accuracy suite, [`sweeps`] what is pushed until methods break; both are data that become
 //!   ordinary scenes, in memory or on disk ([`scene_files`]). [`suite`] runs them through any pipeline and writes tables;
 //!   [`open`] gives it the reference renderer as truth.
+//! * [`unknown_search`] looks for scenes in which the paper's rule for unknown leaves fails.
 //! * [`chart`] draws accuracy against time, and growth.
 
 pub mod chart;
@@ -23,6 +24,7 @@ pub mod scenes;
 pub mod simulate;
 pub mod suite;
 pub mod sweeps;
+pub mod unknown_search;
 
 pub use compare::{CompareError, Comparison, compare};
 pub use outline::find_cut_edge;
