@@ -164,6 +164,11 @@ fn inspect(loaded: &LoadedScene, index: usize) -> Health {
     }
 }
 
+/// `count` with the words that go with one, or with many.
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 fn percent(share: f64) -> String {
     format!("{} %", short(100.0 * share))
 }
@@ -183,7 +188,7 @@ fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, far: F
         findings.warn(what, "sample more densely: so few show disks rather than a surface");
     }
     if health.duplicates > 0 {
-        let what = format!("{} points lie where another does", health.duplicates);
+        let what = counted(health.duplicates, "point lies where another does", "points lie where others do");
         let mend = "they are drawn as one; remove them to save memory";
         if share(health.duplicates) > MANY_DUPLICATES { findings.warn(what, mend) } else { findings.note(what, mend) }
     }
@@ -193,7 +198,7 @@ fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, far: F
         findings.note(what, "cuts are as fine as the coarser places allow");
     }
     if health.outliers > 0 {
-        let what = format!("about {} points lie far from all others", health.outliers);
+        let what = format!("about {} far from all others", counted(health.outliers, "point lies", "points lie"));
         let mend = "remove them: they would be drawn as specks";
         if share(health.outliers) > MANY_OUTLIERS { findings.warn(what, mend) } else { findings.note(what, mend) }
     }
@@ -203,7 +208,7 @@ fn judge_cloud(health: &CloudHealth, is_solid: bool, is_unoriented: bool, far: F
         return;
     };
     if normals.missing > 0 {
-        findings.note(format!("{} points have no normal", normals.missing), "theirs are estimated");
+        findings.note(counted(normals.missing, "point has no normal", "points have no normal"), "theirs are estimated");
     }
     if is_unoriented && is_solid {
         findings.warn(
@@ -236,7 +241,7 @@ fn judge_mesh(health: &MeshHealth, is_solid: bool, findings: &mut Findings) {
         findings.warn(what, "turn its faces over, or write !leaf in the expression");
     }
     if health.boundary_edges > 0 && is_solid {
-        let what = format!("open: {} edges have one triangle only", health.boundary_edges);
+        let what = format!("open: {} one triangle only", counted(health.boundary_edges, "edge has", "edges have"));
         if health.openness > OPEN {
             findings.warn(what, "declare it kind = \"sheet\", or close it: so wide an opening leaves no inside");
         } else {
@@ -244,15 +249,19 @@ fn judge_mesh(health: &MeshHealth, is_solid: bool, findings: &mut Findings) {
         }
     }
     if health.non_manifold_edges > 0 {
-        let what = format!("{} edges have three triangles or more", health.non_manifold_edges);
+        let what = format!("{} three triangles or more", counted(health.non_manifold_edges, "edge has", "edges have"));
         findings.warn(what, "its inside is decided by parity there; remove inner walls and fins to be certain");
     }
     if health.inconsistent_edges > 0 {
-        let what = format!("{} edges lie between triangles that face opposite sides", health.inconsistent_edges);
+        let what = format!(
+            "{} between triangles that face opposite sides",
+            counted(health.inconsistent_edges, "edge lies", "edges lie")
+        );
         findings.warn(what, "orient its faces consistently");
     }
     if health.flat_triangles > 0 {
-        findings.note(format!("{} triangles have no area", health.flat_triangles), "they do no harm");
+        findings
+            .note(counted(health.flat_triangles, "triangle has no area", "triangles have no area"), "they do no harm");
     }
 }
 
@@ -411,17 +420,28 @@ fn judge_conversion(of_cloud: &OfCloud, health: &CloudHealth, findings: &mut Fin
         findings.note(what, "where one comes out inside-out, give the file normals");
     }
     if notes.cavities > 0 {
-        let what = format!("{} closed pieces lie inside others and are taken for cavities", notes.cavities);
+        let what = counted(
+            notes.cavities,
+            "closed piece lies inside another and is taken for a cavity",
+            "closed pieces lie inside others and are taken for cavities",
+        );
         findings.note(what, "give the file normals if they are solid");
     }
     if notes.inward && !health.normals.is_some_and(|normals| normals.enclosed < INWARD) {
         findings.warn("its normals seem to look inwards", "turn them round, or write !leaf in the expression");
     }
     if notes.bad_radii > 0 {
-        findings.note(format!("{} radii of the file have no positive size", notes.bad_radii), "theirs are estimated");
+        findings.note(
+            format!(
+                "{} no positive size",
+                counted(notes.bad_radii, "radius of the file has", "radii of the file have")
+            ),
+            "theirs are estimated",
+        );
     }
     if notes.isolated > 0 {
-        let what = format!("{} points hang in the air, off the surface about them", notes.isolated);
+        let what =
+            format!("{} in the air, off the surface about", counted(notes.isolated, "point hangs", "points hang"));
         findings.note(what, "their disks are made as small as those about them; remove them if they are noise");
     }
 }
