@@ -1,5 +1,6 @@
 //! surfcut cuts scans and meshes with Boolean expressions and draws the result, without first turning a scan into a mesh.
 
+pub mod blister;
 pub mod classify;
 pub mod composite;
 pub mod csg;

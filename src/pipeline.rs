@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use crate::blister::{MeshLeaf, MeshModel, MeshModelError, MeshShape};
 use crate::classify::{LeafField, LeafLook, Model};
 use crate::csg::LeafId;
 use crate::geometry::bvh::MeshBvhError;
@@ -49,6 +50,23 @@ pub enum PrepareError {
         /// What is wrong.
         source: MeshBvhError,
     },
+    /// The mesh pipeline was asked to draw points.
+    #[error(
+        "leaf `{leaf}` is a cloud of points, which the mesh pipeline cannot draw: use --pipeline splat, or give the leaf a \
+         mesh file in its place"
+    )]
+    CloudAsMesh {
+        /// The leaf.
+        leaf: String,
+    },
+    /// Leaves that cannot be drawn as meshes.
+    #[error("{}{source}", leaf.as_ref().map_or(String::new(), |leaf| format!("leaf `{leaf}`: ")))]
+    Triangles {
+        /// The leaf, where it is one's fault.
+        leaf: Option<String>,
+        /// What is wrong.
+        source: MeshModelError,
+    },
 }
 
 /// A scene ready to be drawn from any camera, and what its conversion had to say.
@@ -67,6 +85,34 @@ pub struct Converted {
     looks: Vec<LeafLook>,
     notes: Vec<Option<CloudNotes>>,
     tree: crate::csg::Tree,
+}
+
+/// The leaves of `loaded` as the mesh pipeline draws them: meshes as they are, solids exactly.
+///
+/// # Errors
+/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::Mesh`] for an unusable mesh.
+pub fn mesh_model(loaded: &LoadedScene) -> Result<MeshModel, PrepareError> {
+    let tree = loaded.canonical_tree();
+    let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
+    let leaf = |id: LeafId| {
+        let index = id.0 as usize;
+        let shape = match &loaded.geometry[index] {
+            LeafGeometry::Cloud(_) => return Err(PrepareError::CloudAsMesh { leaf: name(id) }),
+            LeafGeometry::Mesh(mesh) => MeshShape::Mesh(Arc::clone(mesh)),
+            LeafGeometry::Solid(solid) => MeshShape::Solid(solid.clone()),
+        };
+        Ok(MeshLeaf {
+            leaf: id,
+            shape,
+            world_from_leaf: loaded.scene.leaves[index].world_from_leaf,
+            colour: loaded.colour(id),
+            vertex_colours: loaded.has_own_colours(id),
+            opacity: loaded.scene.leaves[index].opacity,
+            kind: loaded.scene.leaves[index].kind,
+        })
+    };
+    let leaves = tree.leaves().into_iter().map(leaf).collect::<Result<Vec<_>, _>>()?;
+    MeshModel::new(&leaves, &tree).map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
 }
 
 /// Turns every leaf of `loaded` into surfels; `camera` is the first view, whose pixels decide how densely meshes and

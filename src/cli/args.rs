@@ -80,7 +80,7 @@ pub enum Command {
 /// What is drawn: a scene file, or one operand and what it is joined with.
 #[derive(Debug, Clone, Args)]
 pub struct SceneArgs {
-    /// A scene (.toml), a file of points or triangles (PLY, STL, OBJ, XYZ), or a solid such as sphere:x,y,z,radius
+    /// A scene (.toml or .tree.json), a file of points or triangles (PLY, STL, OBJ, XYZ), or a solid such as sphere:x,y,z,radius
     #[arg(value_name = "SCENE|FILE|SOLID", value_hint = ValueHint::FilePath, allow_hyphen_values = false)]
     pub input: String,
     /// Operands that join it.
@@ -151,6 +151,8 @@ pub enum Pipeline {
     /// Surfels, fast
     #[default]
     Splat,
+    /// Meshes triangle by triangle and solids exactly; cannot draw points
+    Mesh,
     /// The f64 ray caster that judges the others, slow; needs a mesh, a solid or a `truth` for every leaf
     Reference,
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use surfcut::blister::{MeshFrame, MeshModel};
 use surfcut::classify::Model;
 use surfcut::classify::partners::{Among, PartnerLists};
 use surfcut::csg::{LeafId, Tree};
@@ -43,6 +44,12 @@ pub fn engine(
 ) -> anyhow::Result<Box<dyn Engine>> {
     match args.pipeline {
         Pipeline::Reference => reference(loaded, frame),
+        Pipeline::Mesh => {
+            let model = report.phase("convert", || pipeline::mesh_model(loaded))?;
+            report.count("triangles", model.triangle_count() as u64);
+            report.count("shared_planes", model.shared_plane_count() as u64);
+            Ok(Box::new(MeshEngine { model, frame }))
+        }
         Pipeline::Splat => {
             let mut scene = SplatScene::new(loaded, args.density.density(), camera, bars, report)?;
             Ok(scene.engine(args.splat_settings(), frame, report))
@@ -123,6 +130,19 @@ impl Engine for SplatEngine {
         let FrameArgs { samples, limit } = self.frame;
         let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_deref());
         Ok(Box::new(frame))
+    }
+}
+
+/// The mesh pipeline.
+struct MeshEngine {
+    model: MeshModel,
+    frame: FrameArgs,
+}
+
+impl Engine for MeshEngine {
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = self.frame;
+        Ok(Box::new(MeshFrame::new(&self.model, camera.clone(), limit, samples)))
     }
 }
 

@@ -7,6 +7,7 @@ use surfcut::reference::ReferenceError;
 use surfcut::scene::inline_solid::InlineSolidError;
 use surfcut::scene::load::LoadError;
 use surfcut::scene::toml_file::ReadSceneError;
+use surfcut::scene::tree_json::TreeJsonError;
 use surfcut::space::CameraError;
 
 /// The exit codes, as the help documents them.
@@ -45,6 +46,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         }
         if cause.is::<InputError>()
             || cause.is::<ReadSceneError>()
+            || cause.is::<TreeJsonError>()
             || cause.is::<LoadError>()
             || cause.is::<PrepareError>()
             || cause.is::<ReferenceError>()

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use surfcut::formats::ReadOptions;
-use surfcut::scene::{LoadedScene, Scene, load, toml_file};
+use surfcut::scene::{LoadedScene, Scene, load, toml_file, tree_json};
 use surfcut::space::{Camera, CameraError, Lens};
 
 use super::args::{CameraArgs, SceneArgs, ViewArgs};
@@ -13,7 +13,13 @@ use super::progress::Bars;
 pub fn scene(args: &SceneArgs) -> anyhow::Result<Scene> {
     let path = Path::new(&args.input);
     let is_scene_file = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
-    let first = if is_scene_file { toml_file::read(path)? } else { Scene::of_operand(&args.input)? };
+    let first = if is_scene_file {
+        toml_file::read(path)?
+    } else if tree_json::is_tree_file(path) {
+        tree_json::read(path)?
+    } else {
+        Scene::of_operand(&args.input)?
+    };
     let joined = args.operands.0.iter().try_fold(first, |scene, (joint, operand)| scene.joined(*joint, operand))?;
     Ok(joined)
 }
@@ -33,6 +39,7 @@ pub fn loaded(args: &SceneArgs, view: Option<&ViewArgs>, bars: Bars) -> anyhow::
 pub fn name(args: &SceneArgs) -> String {
     // A solid such as sphere:0,0,0,1 has no file name worth keeping.
     let head = args.input.split(':').next().unwrap_or("scene");
+    let head = head.strip_suffix(tree_json::TREE_SUFFIX).unwrap_or(head);
     Path::new(head).file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned())
 }
 

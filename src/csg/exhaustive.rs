@@ -4,6 +4,9 @@
 
 use std::rc::Rc;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, u32x8};
+
 use super::blist::Match;
 use super::expression::parse;
 use super::positive::{Folded, PositiveNode};
@@ -210,6 +213,118 @@ fn printing_and_reading_back_gives_the_same_tree() {
                 assert_ne!(parse(&shorter, &mut leaf_of_letter).as_ref(), Ok(&tree), "{text} as {shorter}");
             }
         }
+    }
+}
+
+/// A state's words as eight equal lanes through [`Shrunk::eval_lanes`], which must agree in all.
+fn in_lanes(shrunk: &Shrunk, state: &[u32]) -> bool {
+    fn lanes<S: Simd>(simd: S, shrunk: &Shrunk, state: &[u32]) -> [u32; 8] {
+        let state: Vec<_> = state.iter().map(|&word| u32x8::splat(simd, word)).collect();
+        let mut scratch = vec![u32x8::splat(simd, 7); shrunk.node_count()];
+        shrunk.eval_lanes(simd, &state, &mut scratch).into()
+    }
+    let lanes = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => lanes(simd, shrunk, state));
+    assert!(lanes == [0; 8] || lanes == [u32::MAX; 8]);
+    lanes[0] != 0
+}
+
+/// Holds everything that can be made of `flat` where only the leaves of `present` may be in against the truth, in a walk
+/// that toggles one leaf at a time through all assignments.
+fn check_shrunk(flat: &Flat, shrunk: &mut Shrunk, present: &[LeafId], truth: &dyn Fn(&dyn Fn(LeafId) -> bool) -> bool) {
+    let kept = shrunk.keep(flat, present);
+    let all = 1_u32 << present.len();
+    let gray = |i: u32| i ^ (i >> 1);
+    let is_present_and_in =
+        |code: u32, leaf| present.iter().position(|&p| p == leaf).is_some_and(|i| code >> i & 1 == 1);
+    let Kept::Open = kept else {
+        let constant = Kept::Constant(truth(&|_| false));
+        assert!((0..all).all(|code| Kept::Constant(truth(&|leaf| is_present_and_in(code, leaf))) == constant));
+        assert_eq!(kept, constant);
+        return;
+    };
+    assert!(shrunk.slots().is_sorted_by(|a, b| a < b));
+    let (mut counters, mut scratch) = (Counters::default(), Vec::new());
+    counters.reset(shrunk);
+    for i in 0..all {
+        if i > 0 {
+            let toggled = present[(gray(i) ^ gray(i - 1)).trailing_zeros() as usize];
+            if let Ok(slot) = shrunk.slots().binary_search(&toggled) {
+                counters.toggle(shrunk, slot);
+                assert_eq!(counters.is_inside(slot), is_present_and_in(gray(i), toggled));
+            }
+        }
+        let expected = truth(&|leaf| is_present_and_in(gray(i), leaf));
+        let mut state = vec![0; shrunk.words()];
+        for (slot, leaf) in shrunk.slots().iter().enumerate() {
+            state[slot / 32] |= u32::from(is_present_and_in(gray(i), *leaf)) << (slot % 32);
+        }
+        assert_eq!(shrunk.eval(&state, &mut scratch), expected);
+        assert_eq!(in_lanes(shrunk, &state), expected);
+        assert_eq!(counters.value(shrunk), expected);
+    }
+}
+
+#[test]
+fn flat_forms_are_the_tree_for_any_leaves_present_and_any_order_of_toggles() {
+    let mut shrunk = Shrunk::default();
+    for leaf_count in 1..=MOST_LEAVES {
+        for ast in trees(Kind::Positive, 0, leaf_count) {
+            let tree = ast.tree();
+            let flat = tree.positive().flat();
+            for chosen in 0..1_u32 << leaf_count {
+                let present: Vec<_> = (0..leaf_count).filter(|i| chosen >> i & 1 == 1).map(LeafId).collect();
+                check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+            }
+        }
+    }
+}
+
+#[test]
+fn flat_forms_of_repeated_leaves_and_of_many_words_are_the_tree() {
+    let mut random = Random(1999);
+    let mut shrunk = Shrunk::default();
+    for round in 0..300 {
+        // Eight leaves named up to four times each; every third tree spreads them over several words.
+        let (names, apart) = (8, if round % 3 == 0 { 9 } else { 1 });
+        let mut builder = TreeBuilder::default();
+        let places = 2 + random.below(30);
+        for _ in 0..places {
+            builder.leaf(LeafId(random.below(names) * apart));
+            if random.below(3) == 0 {
+                builder.not();
+            }
+        }
+        for _ in 1..places {
+            match random.below(3) {
+                0 => builder.and(),
+                1 => builder.or(),
+                _ => builder.minus(),
+            };
+        }
+        let tree = builder.finish().unwrap();
+        let flat = tree.positive().flat();
+        let mut present = tree.leaves();
+        assert_eq!(flat.leaves(), present);
+        check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+        present.retain(|_| random.below(2) == 0);
+        check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+    }
+    // More than a word of slots, of which two matter at a time.
+    let mut builder = TreeBuilder::default();
+    builder.leaf(LeafId(0));
+    for id in 1..100 {
+        builder.leaf(LeafId(id)).minus();
+    }
+    let tree = builder.finish().unwrap();
+    let flat = tree.positive().flat();
+    let all = tree.leaves();
+    assert_eq!(shrunk.keep(&flat, &all), Kept::Open);
+    assert_eq!((shrunk.words(), shrunk.node_count()), (4, 1));
+    for cut in 1..100_usize {
+        let mut state = vec![1, 0, 0, 0];
+        assert!(shrunk.eval(&state, &mut Vec::new()) && in_lanes(&shrunk, &state));
+        state[cut / 32] |= 1 << (cut % 32);
+        assert!(!shrunk.eval(&state, &mut Vec::new()) && !in_lanes(&shrunk, &state));
     }
 }
 

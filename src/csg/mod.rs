@@ -3,6 +3,7 @@
 //! ```text
 //! text ─ expression::parse ─► Tree ─ positive() ─► Positive ─┬─ Blist      one point, lazily: a forward walk
 //!          ▲                   │                             ├─ Residual   one surfel: which neighbours still matter
+//!          │                   │                             ├─ Flat       many points of a tile: masks, or toggle by toggle
 //!          └──── display() ────┘                             └─ PaperTree  Wicke's own rules, for comparison
 //! ```
 //!
@@ -16,6 +17,7 @@ mod deep;
 #[cfg(test)]
 mod exhaustive;
 pub mod expression;
+pub mod flat;
 pub mod paper;
 pub mod positive;
 pub mod residual;
@@ -24,6 +26,7 @@ mod tri;
 
 pub use blist::{Blist, Jump};
 pub use expression::ExpressionError;
+pub use flat::{Counters, Flat, Kept, Shrunk};
 pub use paper::PaperTree;
 pub use positive::{Literal, Positive};
 pub use residual::{Crossing, EdgeResidual, Membership, Residual};

@@ -9,7 +9,7 @@
 
 use super::bits::{BitStack, TriStack};
 use super::tree::{index, sorted_unique};
-use super::{Blist, LeafId, Node, Tree, Tri};
+use super::{Blist, Flat, LeafId, Node, Tree, Tri};
 
 /// One occurrence of a leaf.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -125,6 +125,11 @@ impl Positive {
             operator => operator,
         };
         Self { nodes: self.nodes.iter().map(map).collect() }
+    }
+
+    /// The same expression with as few nodes as its operators allow.
+    pub fn flat(&self) -> Flat {
+        Flat::from(self)
     }
 
     /// The same expression as a list to be walked forward.

@@ -22,6 +22,7 @@ pub mod nearest_name;
 pub mod one_liner;
 pub mod toml_file;
 mod toml_values;
+pub mod tree_json;
 
 pub use load::{LeafGeometry, LoadedScene, load};
 

@@ -1,0 +1,366 @@
+//! The scene as the mesh pipeline keeps it between frames: all triangles in world space, in small groups.
+//!
+//! *Practice.* Triangles are put into *meshlets* of at most [`MESHLET`] that lie close together, so that one look at a
+//! meshlet tells which tiles need it; vertices are numbered in the order in which meshlets use them. A vertex is stored once
+//! and projected once a frame: triangles that share it share its snapped position bit for bit, and no ray slips between them.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::planes::{self, NO_PLANE, Plane, PlaneUse};
+use crate::csg::{Flat, LeafId, Tree};
+use crate::geometry::{Solid, TriMesh};
+use crate::scene::LeafKind;
+
+/// The most triangles a meshlet has: one bit each in a word.
+pub const MESHLET: usize = 64;
+
+/// What a leaf is drawn as.
+#[derive(Debug, Clone)]
+pub enum MeshShape {
+    /// Triangles, in leaf space. Inside is where a ray from infinity has crossed an odd number of them.
+    Mesh(Arc<TriMesh>),
+    /// A formula, in leaf space: intersected exactly.
+    Solid(Solid),
+}
+
+/// One leaf.
+#[derive(Debug, Clone)]
+pub struct MeshLeaf {
+    /// Its index in the scene.
+    pub leaf: LeafId,
+    /// Its geometry.
+    pub shape: MeshShape,
+    /// Leaf space to world space; affine, invertible, may mirror.
+    pub world_from_leaf: DAffine3,
+    /// Linear RGB.
+    pub colour: [f32; 3],
+    /// Whether the mesh's vertex colours win over `colour`.
+    pub vertex_colours: bool,
+    /// Opacity, 0 to 1.
+    pub opacity: f32,
+    /// Solid or sheet.
+    pub kind: LeafKind,
+}
+
+/// Why leaves cannot be drawn.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MeshModelError {
+    /// Two leaves have one index.
+    #[error("leaf {} was given twice", .0.0)]
+    Twice(LeafId),
+    /// The expression names a leaf that is not there.
+    #[error("the expression names leaf {}, which was not given", .0.0)]
+    Missing(LeafId),
+    /// The transform flattens the leaf, or is not finite.
+    #[error("the transform of leaf {} cannot be inverted: its scale must be finite and nowhere zero", .0.0)]
+    Transform(LeafId),
+    /// A vertex is not finite, or a triangle points beyond the vertices.
+    #[error("the mesh of leaf {} is unusable: {what}", leaf.0)]
+    Mesh {
+        /// Which leaf.
+        leaf: LeafId,
+        /// What is wrong.
+        what: String,
+    },
+    /// More vertices or triangles than a 32-bit number counts.
+    #[error("the meshes have too many triangles or vertices to number: fewer than 2^32 are needed")]
+    TooMany,
+}
+
+impl MeshModelError {
+    /// The leaf that is at fault, where it is one.
+    pub fn leaf(&self) -> Option<LeafId> {
+        match self {
+            Self::Twice(leaf) | Self::Missing(leaf) | Self::Transform(leaf) | Self::Mesh { leaf, .. } => Some(*leaf),
+            Self::TooMany => None,
+        }
+    }
+}
+
+/// How a leaf looks.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    pub colour: [f32; 3],
+    pub opacity: f32,
+    pub is_sheet: bool,
+    pub vertex_colours: bool,
+}
+
+/// Up to [`MESHLET`] triangles of one leaf that lie close together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Meshlet {
+    /// Its first triangle.
+    pub first: u32,
+    /// How many.
+    pub count: u32,
+    pub leaf: LeafId,
+}
+
+/// An analytic leaf.
+#[derive(Debug, Clone)]
+pub(super) struct SolidLeaf {
+    pub leaf: LeafId,
+    pub solid: Solid,
+    pub world_from_leaf: DAffine3,
+    pub leaf_from_world: DAffine3,
+    /// Normals to world space, up to length.
+    pub world_from_normal: DMat3,
+    /// The planes of its flat faces that other leaves share: unit outward normal in leaf space, and the plane.
+    pub shared: Vec<(DVec3, u32)>,
+}
+
+/// A scene of meshes and solids, ready to be drawn from any camera.
+#[derive(Debug, Clone)]
+pub struct MeshModel {
+    pub(super) flat: Flat,
+    /// By leaf index; `None` where the expression does not name the leaf.
+    pub(super) looks: Vec<Option<Look>>,
+    /// World space; x, y and z apart, for vectors of them.
+    pub(super) positions: [Vec<f64>; 3],
+    /// By vertex, sRGB; empty where no leaf has any.
+    pub(super) vertex_colours: Vec<[u8; 3]>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// By triangle: unit normal in world space; zero where the triangle has no area.
+    pub(super) normals: Vec<Vec3>,
+    /// By triangle: its plane among `planes`, or [`NO_PLANE`] where no other leaf shares it.
+    pub(super) plane_of: Vec<u32>,
+    pub(super) planes: Vec<Plane>,
+    pub(super) meshlets: Vec<Meshlet>,
+    pub(super) solids: Vec<SolidLeaf>,
+}
+
+/// One mesh leaf, placed and grouped.
+struct PlacedMesh {
+    leaf: LeafId,
+    positions: Vec<DVec3>,
+    colours: Option<Vec<[u8; 3]>>,
+    triangles: Vec<[u32; 3]>,
+    /// Sizes of the meshlets, in order.
+    groups: Vec<u32>,
+}
+
+impl MeshModel {
+    /// The scene of `tree` over `leaves`; leaves that the expression does not name are left out.
+    ///
+    /// # Errors
+    /// [`MeshModelError`] names the leaf.
+    pub fn new(leaves: &[MeshLeaf], tree: &Tree) -> Result<Self, MeshModelError> {
+        let flat = tree.positive().flat();
+        let mut used: Vec<&MeshLeaf> = Vec::with_capacity(leaves.len());
+        used.extend(leaves.iter().filter(|leaf| flat.leaves().binary_search(&leaf.leaf).is_ok()));
+        used.sort_by_key(|leaf| leaf.leaf);
+        if let Some(pair) = used.windows(2).find(|pair| pair[0].leaf == pair[1].leaf) {
+            return Err(MeshModelError::Twice(pair[0].leaf));
+        }
+        if let Some(missing) = flat.leaves().iter().find(|id| used.binary_search_by_key(*id, |leaf| leaf.leaf).is_err())
+        {
+            return Err(MeshModelError::Missing(*missing));
+        }
+        let placed: Vec<PlacedMesh> = used
+            .par_iter()
+            .filter_map(|leaf| match &leaf.shape {
+                MeshShape::Mesh(mesh) => Some(place(leaf, mesh)),
+                MeshShape::Solid(_) => None,
+            })
+            .collect::<Result<_, _>>()?;
+        let count = |f: fn(&PlacedMesh) -> usize| placed.iter().map(f).sum::<usize>();
+        let (vertices, triangles) = (count(|mesh| mesh.positions.len()), count(|mesh| mesh.triangles.len()));
+        if u32::try_from(vertices.max(triangles)).is_err() {
+            return Err(MeshModelError::TooMany);
+        }
+        let mut model = Self {
+            looks: vec![None; flat.leaves().last().map_or(0, |last| last.0 as usize + 1)],
+            flat,
+            positions: std::array::from_fn(|_| Vec::with_capacity(vertices)),
+            vertex_colours: Vec::new(),
+            triangles: Vec::with_capacity(triangles),
+            normals: Vec::with_capacity(triangles),
+            plane_of: Vec::new(),
+            planes: Vec::new(),
+            meshlets: Vec::new(),
+            solids: Vec::new(),
+        };
+        for leaf in &used {
+            model.looks[leaf.leaf.0 as usize] = Some(Look {
+                colour: leaf.colour,
+                opacity: leaf.opacity,
+                is_sheet: leaf.kind == LeafKind::Sheet,
+                vertex_colours: leaf.vertex_colours
+                    && placed.iter().any(|m| m.leaf == leaf.leaf && m.colours.is_some()),
+            });
+            if let MeshShape::Solid(solid) = &leaf.shape {
+                model.solids.push(SolidLeaf::new(leaf, solid)?);
+            }
+        }
+        if placed.iter().any(|mesh| mesh.colours.is_some()) {
+            model.vertex_colours.reserve(vertices);
+            for mesh in &placed {
+                match &mesh.colours {
+                    Some(colours) => model.vertex_colours.extend_from_slice(colours),
+                    None => model.vertex_colours.extend(std::iter::repeat_n([u8::MAX; 3], mesh.positions.len())),
+                }
+            }
+        }
+        for mesh in placed {
+            model.append(mesh);
+        }
+        model.share_planes();
+        Ok(model)
+    }
+
+    fn append(&mut self, mesh: PlacedMesh) {
+        let base = self.positions[0].len() as u32;
+        for (axis, positions) in self.positions.iter_mut().enumerate() {
+            positions.extend(mesh.positions.iter().map(|p| p[axis]));
+        }
+        let mut first = self.triangles.len() as u32;
+        for count in mesh.groups {
+            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf });
+            first += count;
+        }
+        for triangle in mesh.triangles {
+            let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
+            self.normals.push((b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO).as_vec3());
+            self.triangles.push(triangle.map(|v| v + base));
+        }
+    }
+
+    fn share_planes(&mut self) {
+        let mut uses = Vec::with_capacity(self.triangles.len());
+        for meshlet in &self.meshlets {
+            for triangle in meshlet.first..meshlet.first + meshlet.count {
+                let corners = self.triangles[triangle as usize].map(|v| self.position(v));
+                uses.push(PlaneUse::of_triangle(meshlet.leaf, corners));
+            }
+        }
+        // The flat faces of solids follow.
+        let mut faces = Vec::new();
+        for (index, solid) in self.solids.iter().enumerate() {
+            for (point, normal) in planes::flat_faces(&solid.solid) {
+                let normal_in_world = solid.world_from_normal * normal;
+                let point_in_world = solid.world_from_leaf.transform_point3(point);
+                uses.push(PlaneUse::of_face(solid.leaf, point_in_world, normal_in_world));
+                faces.push((index, normal));
+            }
+        }
+        let (planes, mut plane_of) = planes::shared(&uses);
+        let of_faces = plane_of.split_off(self.triangles.len());
+        for ((index, normal), plane) in faces.into_iter().zip(of_faces) {
+            if plane != NO_PLANE {
+                self.solids[index].shared.push((normal, plane));
+            }
+        }
+        self.planes = planes;
+        self.plane_of = plane_of;
+    }
+
+    /// A vertex in world space.
+    pub(super) fn position(&self, vertex: u32) -> DVec3 {
+        let [x, y, z] = &self.positions;
+        DVec3::new(x[vertex as usize], y[vertex as usize], z[vertex as usize])
+    }
+
+    /// The solid that a leaf is, where it is one.
+    pub(super) fn solid_of(&self, leaf: LeafId) -> Option<&SolidLeaf> {
+        // In the order of leaves.
+        self.solids.binary_search_by_key(&leaf, |solid| solid.leaf).ok().map(|at| &self.solids[at])
+    }
+
+    pub(super) fn look(&self, leaf: LeafId) -> &Look {
+        self.looks[leaf.0 as usize].as_ref().expect("every leaf of the expression has a look")
+    }
+
+    /// How many triangles are drawn.
+    pub fn triangle_count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// How many planes lie on two leaves or more.
+    pub fn shared_plane_count(&self) -> usize {
+        self.planes.len()
+    }
+}
+
+impl SolidLeaf {
+    fn new(leaf: &MeshLeaf, solid: &Solid) -> Result<Self, MeshModelError> {
+        let leaf_from_world = inverse(leaf)?;
+        Ok(Self {
+            leaf: leaf.leaf,
+            solid: solid.clone(),
+            world_from_leaf: leaf.world_from_leaf,
+            leaf_from_world,
+            world_from_normal: leaf_from_world.matrix3.transpose(),
+            shared: Vec::new(),
+        })
+    }
+}
+
+fn inverse(leaf: &MeshLeaf) -> Result<DAffine3, MeshModelError> {
+    let inverse = leaf.world_from_leaf.inverse();
+    let is_sound = leaf.world_from_leaf.is_finite() && leaf.world_from_leaf.matrix3.determinant() != 0.0;
+    if is_sound && inverse.is_finite() { Ok(inverse) } else { Err(MeshModelError::Transform(leaf.leaf)) }
+}
+
+fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> {
+    inverse(leaf)?;
+    let unusable = |what: String| MeshModelError::Mesh { leaf: leaf.leaf, what };
+    if let Some(v) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        return Err(unusable(format!("vertex {v} is not finite")));
+    }
+    let count = mesh.positions.len();
+    if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
+        return Err(unusable(format!("triangle {t} points beyond the {count} vertices")));
+    }
+    let centroids: Vec<DVec3> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).iter().sum()).collect();
+    let mut order: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+    let mut groups = Vec::new();
+    group(&mut order, &centroids, &mut groups);
+
+    // Vertices in the order of their first use.
+    const UNUSED: u32 = u32::MAX;
+    let mut renumbered = vec![UNUSED; count];
+    let mut kept = Vec::with_capacity(count);
+    let triangles = order
+        .iter()
+        .map(|&t| {
+            mesh.triangles[t as usize].map(|v| {
+                let number = &mut renumbered[v as usize];
+                if *number == UNUSED {
+                    *number = kept.len() as u32;
+                    kept.push(v as usize);
+                }
+                *number
+            })
+        })
+        .collect();
+    let positions = kept.iter().map(|&v| leaf.world_from_leaf.transform_point3(mesh.positions[v])).collect();
+    let own = mesh.colours.as_ref().filter(|_| leaf.vertex_colours);
+    let colours = own.map(|colours| kept.iter().map(|&v| colours[v]).collect());
+    Ok(PlacedMesh { leaf: leaf.leaf, positions, colours, triangles, groups })
+}
+
+/// Orders triangles by halving the longest side of their centroids' box until at most [`MESHLET`] are left, and tells the
+/// sizes of the groups. All groups but the last of a half are full.
+fn group(order: &mut [u32], centroids: &[DVec3], groups: &mut Vec<u32>) {
+    if order.len() <= MESHLET {
+        if !order.is_empty() {
+            groups.push(order.len() as u32);
+        }
+        return;
+    }
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for &t in order.iter() {
+        (low, high) = (low.min(centroids[t as usize]), high.max(centroids[t as usize]));
+    }
+    let axis = (high - low).max_position();
+    let middle = (order.len() / 2).next_multiple_of(MESHLET).min(order.len() - 1);
+    let by =
+        |a: &u32, b: &u32| centroids[*a as usize][axis].total_cmp(&centroids[*b as usize][axis]).then_with(|| a.cmp(b));
+    order.select_nth_unstable_by(middle, by);
+    let (first, second) = order.split_at_mut(middle);
+    group(first, centroids, groups);
+    group(second, centroids, groups);
+}

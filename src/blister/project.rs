@@ -1,0 +1,186 @@
+//! Every vertex on the picture's grid, and what turns a plane in world space into depth on the picture.
+//!
+//! *Theory.* On the picture of a perspective camera the reciprocal of planar depth is affine in the pixel's position over a
+//! plane: with the ray `eye + t·(X, Y, 1)` in view axes and the plane n·(p − p₀) = 0, 1/t = n·(X, Y, 1) / n·(p₀ − eye). On
+//! that of an orthographic one depth itself is. So a fragment's *key* is 1/t or −t: affine either way, and larger nearer.
+//!
+//! *Practice.* Positions are snapped to 1/256 pixel in `f64`; whoever shares a vertex shares its snapped position. A vertex
+//! that is not in front of the eye, or so far aside that edge functions would not fit their integers, is marked, and its
+//! triangles go to [`beyond`](super::beyond). Keys come from the plane in world space, not from the snapped corners, so
+//! that snapping moves edges by 1/512 pixel and depth not at all.
+
+use fearless_simd::{Level, Simd};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::model::MeshModel;
+use super::planes::Plane;
+use super::raster::Key;
+use crate::space::{Camera, Projection};
+
+/// Positions of the grid within a pixel, each way.
+pub(super) const SUBPIXELS: i32 = 256;
+
+/// Vertices further than this aside, in pixels from the picture's corner, do not go through the integer rasteriser. The
+/// span from [`LEAST_PX`] to [`MOST_PX`] is 2^16 pixels, so the difference of two positions has 24 bits, an edge function
+/// changes by at most 2·2^24 a pixel and by less than 2^31 over the 63 pixels of a tile.
+const LEAST_PX: f64 = -16_384.0;
+const MOST_PX: f64 = 49_152.0;
+
+/// A vertex on the picture: x and y in [`SUBPIXELS`], the bits of its key, and a [`place`].
+pub(super) type Snapped = [i32; 4];
+
+/// The fourth number of a [`Snapped`]; the numbers are bits, so that a triangle's are the union of its corners'.
+pub(super) mod place {
+    /// In front of the eye, and x and y hold.
+    pub const FINE: i32 = 0;
+    /// In front of the eye, but too far aside.
+    pub const ASIDE: i32 = 1;
+    /// Not in front of the eye.
+    pub const BEHIND: i32 = 2;
+}
+
+/// A key that is affine in the picture's position: `x·px + y·py + c`, pixels.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Affine {
+    pub x: f64,
+    pub y: f64,
+    pub c: f64,
+}
+
+impl Affine {
+    #[inline(always)]
+    pub fn at(&self, px: f64, py: f64) -> f64 {
+        self.x * px + self.y * py + self.c
+    }
+
+    /// The same function of positions that are counted from `origin`.
+    #[inline(always)]
+    pub fn counted_from(&self, origin: DVec2) -> Self {
+        Self { c: self.at(origin.x, origin.y), ..*self }
+    }
+}
+
+/// A camera, as numbers that the kernels use.
+#[derive(Debug, Clone)]
+pub(super) struct View {
+    pub camera: Camera,
+    /// Pixels per unit of tangent, or per world unit.
+    scale: f64,
+    pub is_perspective: bool,
+    middle: DVec2,
+}
+
+impl View {
+    pub fn new(camera: Camera) -> Self {
+        let (scale, is_perspective) = match camera.projection {
+            Projection::Perspective { focal_px } => (focal_px, true),
+            Projection::Orthographic { px_per_unit } => (px_per_unit, false),
+        };
+        let middle = DVec2::new(f64::from(camera.width), f64::from(camera.height)) * 0.5;
+        Self { camera, scale, is_perspective, middle }
+    }
+
+    /// The key of planar depth `t`.
+    pub fn key(&self, t: f64) -> f64 {
+        if self.is_perspective { 1.0 / t } else { -t }
+    }
+
+    /// The planar depth of a key.
+    pub fn depth(&self, key: f64) -> f64 {
+        if self.is_perspective { 1.0 / key } else { -key }
+    }
+
+    /// Whether a key is of a point in front of the eye.
+    pub fn is_in_front(&self, key: f32) -> bool {
+        if self.is_perspective { key > 0.0 } else { key < 0.0 }
+    }
+
+    /// View axes' X and Y of picture position `px`: of the ray's direction, or of its origin.
+    pub fn across(&self, px: DVec2) -> DVec2 {
+        (px - self.middle) / self.scale
+    }
+
+    /// The key over the plane through `point` across `normal`, both in world space. Not finite where the eye, or the
+    /// direction of an orthographic view, lies in the plane.
+    pub fn key_over(&self, normal: DVec3, point: DVec3) -> Affine {
+        let n = self.camera.rotate_to_view(normal);
+        let offset = n.dot(self.camera.view_from_world(point));
+        let per_px = DVec2::new(n.x, n.y) / self.scale;
+        let (gradient, constant) =
+            if self.is_perspective { (per_px / offset, n.z / offset) } else { (per_px / n.z, -offset / n.z) };
+        Affine { x: gradient.x, y: gradient.y, c: constant - gradient.dot(self.middle) }
+    }
+
+    /// The range of keys of a box in world space; half open to the front where it reaches behind the eye.
+    pub fn key_range(&self, low: DVec3, high: DVec3) -> (f32, f32) {
+        let (mut near, mut far) = (f64::INFINITY, f64::NEG_INFINITY);
+        for corner in corners(low, high) {
+            let z = self.camera.view_from_world(corner).z;
+            (near, far) = (near.min(z), far.max(z));
+        }
+        if near > 0.0 {
+            (self.key(far) as f32, self.key(near) as f32)
+        } else if self.is_perspective {
+            ((1.0 / far) as f32, f32::INFINITY)
+        } else {
+            (-far as f32, 0.0)
+        }
+    }
+}
+
+/// The corners of a box.
+pub(super) fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
+    let pick = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+    std::array::from_fn(|corner| DVec3::new(pick(corner, 0), pick(corner, 1), pick(corner, 2)))
+}
+
+/// Every shared plane's key on the picture, over positions in pixels.
+pub(super) fn planes(view: &View, planes: &[Plane]) -> Vec<Key> {
+    let on_picture = |plane: &Plane| {
+        let (low, high) = match plane.extent {
+            Some((low, high)) => view.key_range(low, high),
+            None => (f32::MIN, f32::MAX),
+        };
+        Key { over: view.key_over(plane.normal, plane.point), low, high }
+    };
+    planes.iter().map(on_picture).collect()
+}
+
+/// All vertices of `model` on the picture, in parallel.
+pub(super) fn vertices(level: Level, view: &View, model: &MeshModel) -> Vec<Snapped> {
+    const A_TASK: usize = 8192;
+    let [xs, ys, zs] = &model.positions;
+    let mut snapped = vec![[0; 4]; xs.len()];
+    snapped.par_chunks_mut(A_TASK).enumerate().for_each(|(task, out)| {
+        let range = task * A_TASK..task * A_TASK + out.len();
+        let positions = [&xs[range.clone()], &ys[range.clone()], &zs[range]];
+        fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || snap(view, positions, out)));
+    });
+    snapped
+}
+
+/// Written so that the compiler makes vectors of it.
+#[inline(always)]
+fn snap(view: &View, [xs, ys, zs]: [&[f64]; 3], out: &mut [Snapped]) {
+    let Camera { eye, right, down, forward, .. } = view.camera;
+    let scale = view.scale * f64::from(SUBPIXELS);
+    let middle = view.middle * f64::from(SUBPIXELS);
+    let least = LEAST_PX * f64::from(SUBPIXELS);
+    let most = MOST_PX * f64::from(SUBPIXELS);
+    // Adding 1.5·2^52 rounds to an integer, which is then in the lowest bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    for (((x, y), z), out) in xs.iter().zip(ys).zip(zs).zip(out) {
+        let (x, y, z) = (x - eye.x, y - eye.y, z - eye.z);
+        let depth = forward.x * x + forward.y * y + forward.z * z;
+        let reciprocal = 1.0 / depth;
+        let (shrink, key) = if view.is_perspective { (reciprocal, reciprocal) } else { (1.0, -depth) };
+        let px = (right.x * x + right.y * y + right.z * z) * (shrink * scale) + middle.x;
+        let py = (down.x * x + down.y * y + down.z * z) * (shrink * scale) + middle.y;
+        let is_aside = !((px >= least) & (px < most) & (py >= least) & (py < most));
+        let is_behind = !(depth > 0.0);
+        let place = (i32::from(is_aside) * place::ASIDE) | (i32::from(is_behind) * place::BEHIND);
+        let grid = |px: f64| (px.clamp(least, most) + ROUND).to_bits() as u32 as i32;
+        *out = [grid(px), grid(py), (key as f32).to_bits() as i32, place];
+    }
+}
