@@ -138,9 +138,15 @@ pub(super) fn triangle<S: Simd>(
     }
     let (b, c) = if area < 0 { (c, b) } else { (b, c) };
     let mut edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
+    let (width, height) = (BLOCK_WIDTH as i32, BLOCK_HEIGHT as i32);
+    let blocks_x = (x.0 / width, x.1 / width);
+    let blocks_y = (y.0 / height, y.1 / height);
     if high_x - low_x > SMALL || high_y - low_y > SMALL {
+        // All pixels of the blocks: an edge that is left out must hold for those outside of the box too.
+        let columns = (blocks_x.0 * width, blocks_x.1 * width + width - 1);
+        let rows = (blocks_y.0 * height, blocks_y.1 * height + height - 1);
         for edge in &mut edges {
-            let (least, most) = edge.range(x, y);
+            let (least, most) = edge.range(columns, rows);
             if most < 0 {
                 return;
             }
@@ -154,10 +160,9 @@ pub(super) fn triangle<S: Simd>(
     let (key_x, key_y) = (key.over.x as f32, key.over.y as f32);
     let key_lanes = offsets.x_f * key_x + offsets.y_f * key_y;
     let what = u32x8::splat(simd, what);
-    let (width, height) = (BLOCK_WIDTH as i32, BLOCK_HEIGHT as i32);
-    for block_y in y.0 / height..=y.1 / height {
+    for block_y in blocks_y.0..=blocks_y.1 {
         let row = block_y * height;
-        for block_x in x.0 / width..=x.1 / width {
+        for block_x in blocks_x.0..=blocks_x.1 {
             let column = block_x * width;
             let at = |i: usize| lanes[i] + (edges[i].c as i32 + edges[i].dx * row - edges[i].dy * column);
             let inside = (at(0) | at(1) | at(2)).simd_ge(0);
