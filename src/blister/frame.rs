@@ -7,23 +7,22 @@ use std::sync::Mutex;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, u32x8};
-use glam::{DVec2, DVec3, Vec3};
+use glam::DVec2;
 
 use super::beyond;
 use super::bins::{Bins, Entry};
-use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
-use super::model::{Look, MeshModel};
-use super::peel::{Block, LaneScratch, Peel, PeelScratch, Sink, SlotKind};
+use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, Fragments, LANES};
+use super::model::MeshModel;
+use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
 use super::planes::NO_PLANE;
 use super::project::{self, SUBPIXELS, Snapped, View, place};
 use super::raster::{self, Grid, Key, Offsets};
 use super::solids::{self, SolidHit};
+use super::survivors::{Chooser, SlotLook, Survivors};
 use super::ties::Judge;
+use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
-use crate::layers::{
-    Boundary, Facing, LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, SampleMerger, TILE_SIDE, sample_offsets,
-};
-use crate::scene::colour::linear_from_bytes;
+use crate::layers::{LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, SampleMerger, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
 
 /// A frame of a [`MeshModel`].
@@ -47,6 +46,7 @@ pub struct MeshFrame<'a> {
 /// Buffers that are kept from tile to tile.
 #[derive(Debug, Default)]
 struct Scratch {
+    looks: Vec<SlotLook>,
     fragments: Fragments,
     shrunk: Shrunk,
     present: Vec<LeafId>,
@@ -54,11 +54,12 @@ struct Scratch {
     hits: Vec<SolidHit>,
     planes: Vec<Key>,
     layers: Vec<u32>,
+    /// Half-spaces: slot, and number among the model's solids.
+    endless: Vec<(u32, usize)>,
     begins_inside: Vec<(u32, u8)>,
     peel: PeelScratch,
     judge: Judge,
-    /// By sample: boundaries and their pixels.
-    found: Vec<Vec<(u32, Boundary)>>,
+    survivors: Survivors,
 }
 
 impl<'a> MeshFrame<'a> {
@@ -96,11 +97,11 @@ impl<'a> MeshFrame<'a> {
 
     #[inline(always)]
     fn draw_with<S: Simd>(&self, simd: S, rect: PixelRect, scratch: &mut Scratch) -> LayerTile {
-        scratch.found.resize_with(self.samples as usize, Vec::new);
-        scratch.found.iter_mut().for_each(Vec::clear);
         let mut lanes = LaneScratch::default();
+        let columns = rect.x0 / TILE_SIDE..=(rect.x1 - 1) / TILE_SIDE;
+        let mut parts = Vec::new();
         for row in rect.y0 / TILE_SIDE..=(rect.y1 - 1) / TILE_SIDE {
-            for column in rect.x0 / TILE_SIDE..=(rect.x1 - 1) / TILE_SIDE {
+            for column in columns.clone() {
                 let (x0, y0) = (column * TILE_SIDE, row * TILE_SIDE);
                 let wanted = PixelRect {
                     x0: rect.x0.max(x0),
@@ -108,39 +109,36 @@ impl<'a> MeshFrame<'a> {
                     x1: rect.x1.min(x0 + TILE_SIDE),
                     y1: rect.y1.min(y0 + TILE_SIDE),
                 };
-                self.tile(simd, (column, row), wanted, rect, scratch, &mut lanes);
+                parts.push(self.tile(simd, (column, row), wanted, scratch, &mut lanes));
             }
         }
-        if let [only] = &scratch.found[..] {
-            return LayerTile::from_placed(rect, only);
+        if parts.len() == 1 {
+            return parts.swap_remove(0);
         }
-        let tiles: Vec<LayerTile> = scratch.found.iter().map(|placed| LayerTile::from_placed(rect, placed)).collect();
-        let mut merged = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
-        merged.offsets.push(0);
-        for y in rect.y0..rect.y1 {
-            for x in rect.x0..rect.x1 {
-                if tiles.iter().any(|tile| !tile.at(x, y).is_empty()) {
-                    let mut merger = SampleMerger::default();
-                    tiles.iter().for_each(|tile| merger.add(tile.at(x, y).iter().copied()));
-                    merged.boundaries.extend(merger.finish());
+        // Tiles side by side, as rows of the rectangle.
+        let mut whole = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+        whole.offsets.push(0);
+        for of_row in parts.chunk_by(|a, b| a.rect.y0 == b.rect.y0) {
+            for y in of_row[0].rect.y0..of_row[0].rect.y1 {
+                for (part, x) in of_row.iter().flat_map(|part| (part.rect.x0..part.rect.x1).map(move |x| (part, x))) {
+                    whole.boundaries.extend_from_slice(part.at(x, y));
+                    whole.offsets.push(whole.boundaries.len() as u32);
                 }
-                merged.offsets.push(merged.boundaries.len() as u32);
             }
         }
-        merged
+        whole
     }
 
-    /// Finds the boundaries of the pixels `wanted` of one tile; `rect` is what they are counted in.
+    /// The boundaries of the pixels `wanted` of one tile.
     #[inline(always)]
     fn tile<S: Simd>(
         &self,
         simd: S,
         (column, row): (u32, u32),
         wanted: PixelRect,
-        rect: PixelRect,
         scratch: &mut Scratch,
         lanes: &mut LaneScratch<S>,
-    ) {
+    ) -> LayerTile {
         let entries = self.bins.of(column, row);
         let overlaps = |covers: &PixelRect| {
             covers.x0 < wanted.x1 && wanted.x0 < covers.x1 && covers.y0 < wanted.y1 && wanted.y0 < covers.y1
@@ -158,7 +156,7 @@ impl<'a> MeshFrame<'a> {
         present.sort_unstable();
         present.dedup();
         if scratch.shrunk.keep(&self.model.flat, present) != Kept::Open {
-            return;
+            return LayerTile::empty(wanted);
         }
         let slots = scratch.shrunk.slots();
         let slot_of = |leaf: LeafId| slots.binary_search(&leaf).ok().map(|slot| slot as u32);
@@ -166,17 +164,28 @@ impl<'a> MeshFrame<'a> {
         scratch.kinds.extend(
             slots.iter().map(|leaf| if self.model.look(*leaf).is_sheet { SlotKind::Sheet } else { SlotKind::Closed }),
         );
-        for (solid, _) in solids().filter(|(solid, _)| solid.is_endless()) {
+        scratch.endless.clear();
+        for (number, solid) in self.model.solids.iter().enumerate().filter(|(_, solid)| solid.is_endless()) {
             if let Some(slot) = slot_of(solid.leaf)
                 && scratch.kinds[slot as usize] == SlotKind::Closed
             {
                 scratch.kinds[slot as usize] = SlotKind::Endless;
+                scratch.endless.push((slot, number));
             }
         }
+        let has_sheets = scratch.kinds.contains(&SlotKind::Sheet);
+        scratch.looks.clear();
+        scratch.looks.extend(slots.iter().map(|leaf| SlotLook {
+            leaf: *leaf,
+            look: *self.model.look(*leaf),
+            is_solid: self.model.solid_of(*leaf).is_some(),
+            stops: self.limit == LayerLimit::Nearest && self.model.look(*leaf).opacity >= 1.0,
+        }));
         scratch.judge.reset();
         lanes.nodes.resize(scratch.shrunk.node_count(), u32x8::splat(simd, 0));
 
         let offsets = Offsets::new(simd);
+        let mut passes = Vec::with_capacity(self.samples as usize);
         for (sample, offset) in sample_offsets(self.samples).iter().enumerate() {
             let shift = (*offset * f64::from(SUBPIXELS)).round();
             let (x0, y0) = (column * TILE_SIDE, row * TILE_SIDE);
@@ -202,60 +211,82 @@ impl<'a> MeshFrame<'a> {
                     solids::draw(simd, &self.view, &scratch.planes, &grid, solid, *covers, slot, hits, fragments);
                 }
             }
-            let corner = self.view.camera.ray(DVec2::new(f64::from(x0), f64::from(y0)) + pass.offset).dir;
-            let step = |x: f64, y: f64| {
-                (self.view.camera.ray(DVec2::new(f64::from(x0) + x, f64::from(y0) + y) + pass.offset).dir - corner)
-                    .as_vec3()
+            let writer = Writer {
+                model: self.model,
+                view: &self.view,
+                looks: &scratch.looks,
+                hits: &scratch.hits,
+                offset: pass.offset,
+                samples: if self.samples == 1 { 1 } else { 1 << sample },
             };
-            let mut emit = Emit {
-                pass: &pass,
-                slots,
+            let mut chooser = Chooser {
+                looks: &scratch.looks,
                 hits: &scratch.hits,
                 judge: &mut scratch.judge,
-                dirs: [corner.as_vec3(), step(1.0, 0.0), step(0.0, 1.0)],
-                samples: if self.samples == 1 { 1 } else { 1 << sample },
-                rect,
-                block: (0, 0),
-                out: &mut scratch.found[sample],
+                out: &mut scratch.survivors,
             };
+            let area = wanted.area();
+            let mut tile =
+                LayerTile { rect: wanted, offsets: Vec::with_capacity(area + 1), boundaries: Vec::with_capacity(area) };
+            tile.offsets.push(0);
             let blocks =
                 |first: u32, end: u32, block: u32| first % TILE_SIDE / block..((end - 1) % TILE_SIDE) / block + 1;
             for block_y in blocks(wanted.y0, wanted.y1, BLOCK_HEIGHT) {
                 for block_x in blocks(wanted.x0, wanted.x1, BLOCK_WIDTH) {
-                    let number = block_y * BLOCKS_ACROSS + block_x;
-                    debug_assert!(block_y < BLOCKS_DOWN);
-                    scratch.fragments.layers_of(number, &mut scratch.layers);
-                    if scratch.layers.is_empty() {
-                        continue;
-                    }
-                    emit.block = (x0 + block_x * BLOCK_WIDTH, y0 + block_y * BLOCK_HEIGHT);
-                    scratch.begins_inside.clear();
-                    for (solid, _) in solids().filter(|(solid, _)| solid.is_endless()) {
-                        if let Some(slot) = slot_of(solid.leaf)
-                            && scratch.kinds[slot as usize] == SlotKind::Endless
-                        {
+                    let corner = (x0 + block_x * BLOCK_WIDTH, y0 + block_y * BLOCK_HEIGHT);
+                    let wanted_here = wanted_lanes(corner, wanted);
+                    scratch.fragments.layers_of(block_y * BLOCKS_ACROSS + block_x, &mut scratch.layers);
+                    if !scratch.layers.is_empty() {
+                        scratch.begins_inside.clear();
+                        for (slot, solid) in &scratch.endless {
+                            let solid = &self.model.solids[*solid];
                             let inside = (0..LANES).fold(0, |inside, lane| {
                                 let (x, y) = pixel_of(lane);
                                 let (x, y) = (block_x * BLOCK_WIDTH + x, block_y * BLOCK_HEIGHT + y);
                                 let ray = solids::ray(&self.view, &grid, x, y);
                                 inside | u8::from(solid.begins_inside(&ray)) << lane
                             });
-                            scratch.begins_inside.push((slot, inside));
+                            scratch.begins_inside.push((*slot, inside));
                         }
+                        let block = Block {
+                            shrunk: &scratch.shrunk,
+                            fragments: &scratch.fragments,
+                            kinds: &scratch.kinds,
+                            layers: &scratch.layers,
+                            begins_inside: &scratch.begins_inside,
+                            wanted: wanted_here,
+                            has_sheets,
+                        };
+                        block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
                     }
-                    let block = Block {
-                        shrunk: &scratch.shrunk,
-                        fragments: &scratch.fragments,
-                        kinds: &scratch.kinds,
-                        layers: &scratch.layers,
-                        begins_inside: &scratch.begins_inside,
-                        wanted: wanted_lanes(emit.block, wanted),
-                    };
-                    block.peel(simd, lanes, &mut scratch.peel, &mut emit);
+                    chooser.out.end_block(wanted_here);
                 }
+                for (number, row) in chooser.out.rows.iter().enumerate().filter(|(_, row)| !row.counts.is_empty()) {
+                    writer.row(wanted.x0, y0 + block_y * BLOCK_HEIGHT + number as u32, row, &mut tile);
+                }
+                chooser.out.clear_rows();
             }
+            passes.push(tile);
+        }
+        if passes.len() == 1 { passes.swap_remove(0) } else { merged(wanted, &passes) }
+    }
+}
+
+/// The passes of a tile, a sample each, as one tile.
+fn merged(rect: PixelRect, passes: &[LayerTile]) -> LayerTile {
+    let mut merged = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+    merged.offsets.push(0);
+    for y in rect.y0..rect.y1 {
+        for x in rect.x0..rect.x1 {
+            if passes.iter().any(|pass| !pass.at(x, y).is_empty()) {
+                let mut merger = SampleMerger::default();
+                passes.iter().for_each(|pass| merger.add(pass.at(x, y).iter().copied()));
+                merged.boundaries.extend(merger.finish());
+            }
+            merged.offsets.push(merged.boundaries.len() as u32);
         }
     }
+    merged
 }
 
 /// The column and row of a block's pixel.
@@ -347,123 +378,6 @@ impl Pass<'_> {
 fn held(over: project::Affine, low: f32, high: f32) -> Key {
     let is_sound = over.x.is_finite() && over.y.is_finite() && over.c.is_finite();
     if is_sound { Key { over, low, high } } else { Key { over: project::Affine::default(), low: high, high } }
-}
-
-/// Writes the boundaries of one pass.
-struct Emit<'a> {
-    pass: &'a Pass<'a>,
-    slots: &'a [LeafId],
-    hits: &'a [SolidHit],
-    judge: &'a mut Judge,
-    /// The ray's direction at the tile's first pixel, and its steps to the next column and row.
-    dirs: [Vec3; 3],
-    /// The sample's bit.
-    samples: u16,
-    rect: PixelRect,
-    /// The block's first pixel.
-    block: (u32, u32),
-    out: &'a mut Vec<(u32, Boundary)>,
-}
-
-impl Sink for Emit<'_> {
-    fn take(&mut self, shrunk: &Shrunk, peel: &Peel<'_>) -> bool {
-        let (owner, body, facing) = if peel.was != peel.is {
-            let owner = match peel.members {
-                [(slot, _)] => *slot,
-                _ => self.judge.owner(shrunk, peel.before, peel.after, peel.is),
-            };
-            let goes_with_result = super::ties::is_inside(peel.after, owner) == peel.is;
-            let inside = if peel.is { peel.after } else { peel.before };
-            let body = if goes_with_result { owner } else { self.judge.body(shrunk, inside).unwrap_or(owner) };
-            (owner, body, if peel.is { Facing::Front } else { Facing::Back })
-        } else {
-            let Some(owner) = self.sheet(shrunk, peel) else { return false };
-            (owner, owner, Facing::Front)
-        };
-        let Some(what) = peel.members.iter().filter(|(slot, _)| *slot == owner).map(|(_, what)| *what).min() else {
-            return false;
-        };
-        self.write(peel, owner, body, facing, what)
-    }
-}
-
-impl Emit<'_> {
-    /// The first of the peel's sheets that shows: the result would have it there if it were a solid, and does not otherwise.
-    fn sheet(&mut self, shrunk: &Shrunk, peel: &Peel<'_>) -> Option<u32> {
-        let is_sheet = |slot: &u32| self.pass.frame.model.look(self.slots[*slot as usize]).is_sheet;
-        let mut sheets: Vec<u32> = peel.members.iter().map(|(slot, _)| *slot).filter(is_sheet).collect();
-        sheets.sort_unstable();
-        sheets.into_iter().find(|&slot| {
-            [peel.before, peel.after]
-                .into_iter()
-                .any(|state| !self.judge.eval(shrunk, state) && self.judge.eval_turned(shrunk, state, slot))
-        })
-    }
-
-    /// Writes a boundary, unless it is where a half-space does not show. Returns whether the pixel needs nothing behind it.
-    fn write(&mut self, peel: &Peel<'_>, owner: u32, body: u32, facing: Facing, what: u32) -> bool {
-        let frame = self.pass.frame;
-        let leaf = self.slots[owner as usize];
-        let look = frame.model.look(leaf);
-        let (column, row) = pixel_of(peel.lane);
-        let (x, y) = (self.block.0 + column, self.block.1 + row);
-        let depth = frame.view.depth(f64::from(peel.key));
-        let is_solid = frame.model.solid_of(leaf).is_some();
-        let normal = if is_solid {
-            let hit = &self.hits[what as usize];
-            if !hit.is_drawn {
-                return false;
-            }
-            hit.normal
-        } else {
-            frame.model.normals[what as usize]
-        };
-        let [dir, across, down] = self.dirs;
-        let (x_in_tile, y_in_tile) = (x - self.pass.grid.x0, y - self.pass.grid.y0);
-        let dir = dir + across * x_in_tile as f32 + down * y_in_tile as f32;
-        // Outward from the result: against the ray where it is entered, along it where it is left.
-        let outward = match facing {
-            Facing::Front => -1.0,
-            Facing::Back => 1.0,
-        };
-        let normal = if normal.dot(dir) * outward < 0.0 { -normal } else { normal };
-        let colour =
-            if look.vertex_colours && !is_solid { self.mixed_colour(what, x, y, depth, look) } else { look.colour };
-        let boundary = Boundary {
-            depth: depth as f32,
-            normal,
-            colour,
-            opacity: look.opacity,
-            leaf: leaf.0,
-            body: self.slots[body as usize].0,
-            facing,
-            samples: self.samples,
-        };
-        self.out.push(((y - self.rect.y0) * self.rect.width() + (x - self.rect.x0), boundary));
-        frame.limit == LayerLimit::Nearest && look.opacity >= 1.0
-    }
-
-    /// The vertex colours of a triangle, mixed linearly at the pixel's point.
-    fn mixed_colour(&self, triangle: u32, x: u32, y: u32, depth: f64, look: &Look) -> [f32; 3] {
-        let model = self.pass.frame.model;
-        let numbers = model.triangles[triangle as usize];
-        let [a, b, c] = numbers.map(|v| model.position(v));
-        let ray = self.pass.frame.view.camera.ray(DVec2::new(f64::from(x), f64::from(y)) + self.pass.offset);
-        let p = ray.at(depth);
-        let normal = (b - a).cross(c - a);
-        let weight = |q: DVec3, r: DVec3| (q - p).cross(r - p).dot(normal).max(0.0);
-        let weights = [weight(b, c), weight(c, a), weight(a, b)];
-        let sum: f64 = weights.iter().sum();
-        if !(sum > 0.0) {
-            return look.colour;
-        }
-        let mut mixed = [0.0; 3];
-        for (number, weight) in numbers.into_iter().zip(weights) {
-            let own = linear_from_bytes(model.vertex_colours[number as usize]);
-            (0..3).for_each(|k| mixed[k] += (weight / sum) as f32 * own[k]);
-        }
-        mixed
-    }
 }
 
 impl LayerSource for MeshFrame<'_> {

@@ -20,7 +20,8 @@
 //! *Practice.* [`model`] holds the scene in world space, [`planes`] the planes that leaves share; [`project`] snaps
 //! vertices to the picture, [`bins`] sorts what is visible by tile; [`raster`] draws the ordinary triangles, [`beyond`]
 //! those that pass the eye, [`solids`] the analytic leaves; [`fragments`] is where all three put what they find, and
-//! [`peel`] makes boundaries of it, with the rules of [`ties`]. [`frame`] is the [`LayerSource`](crate::layers::LayerSource).
+//! [`peel`] finds boundaries in it, with the rules of [`ties`]; [`survivors`] puts them in order and [`write`] fills them in.
+//! [`frame`] is the [`LayerSource`](crate::layers::LayerSource).
 
 mod beyond;
 mod bins;
@@ -32,7 +33,9 @@ mod planes;
 mod project;
 mod raster;
 mod solids;
+mod survivors;
 mod ties;
+mod write;
 
 pub use frame::MeshFrame;
 pub use model::{MeshLeaf, MeshModel, MeshModelError, MeshShape};

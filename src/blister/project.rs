@@ -67,6 +67,8 @@ pub(super) struct View {
     pub camera: Camera,
     /// Pixels per unit of tangent, or per world unit.
     scale: f64,
+    /// Its reciprocal.
+    per_scale: f64,
     pub is_perspective: bool,
     middle: DVec2,
 }
@@ -78,7 +80,7 @@ impl View {
             Projection::Orthographic { px_per_unit } => (px_per_unit, false),
         };
         let middle = DVec2::new(f64::from(camera.width), f64::from(camera.height)) * 0.5;
-        Self { camera, scale, is_perspective, middle }
+        Self { camera, scale, per_scale: 1.0 / scale, is_perspective, middle }
     }
 
     /// The key of planar depth `t`.
@@ -87,7 +89,8 @@ impl View {
     }
 
     /// The planar depth of a key.
-    pub fn depth(&self, key: f64) -> f64 {
+    #[inline(always)]
+    pub fn depth(&self, key: f32) -> f32 {
         if self.is_perspective { 1.0 / key } else { -key }
     }
 
@@ -103,12 +106,18 @@ impl View {
 
     /// The key over the plane through `point` across `normal`, both in world space. Not finite where the eye, or the
     /// direction of an orthographic view, lies in the plane.
+    #[inline(always)]
     pub fn key_over(&self, normal: DVec3, point: DVec3) -> Affine {
         let n = self.camera.rotate_to_view(normal);
-        let offset = n.dot(self.camera.view_from_world(point));
-        let per_px = DVec2::new(n.x, n.y) / self.scale;
-        let (gradient, constant) =
-            if self.is_perspective { (per_px / offset, n.z / offset) } else { (per_px / n.z, -offset / n.z) };
+        let offset = normal.dot(point - self.camera.eye);
+        let (share, constant) = if self.is_perspective {
+            let share = 1.0 / offset;
+            (share, n.z * share)
+        } else {
+            let share = 1.0 / n.z;
+            (share, -offset * share)
+        };
+        let gradient = DVec2::new(n.x, n.y) * (share * self.per_scale);
         Affine { x: gradient.x, y: gradient.y, c: constant - gradient.dot(self.middle) }
     }
 

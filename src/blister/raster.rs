@@ -28,6 +28,14 @@ pub(super) struct Grid {
     pub sample: [i32; 2],
 }
 
+impl Grid {
+    /// A position relative to the first pixel's sample.
+    #[inline(always)]
+    pub fn place(&self, v: &Snapped) -> [i32; 2] {
+        [v[0] - self.sample[0], v[1] - self.sample[1]]
+    }
+}
+
 /// A key over a triangle or a plane, and the range that it is held to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Key {
@@ -94,6 +102,12 @@ impl Edge {
         Self { c: (e - i64::from(!owns_zero(dx, dy))) >> 8, dx, dy }
     }
 
+    /// The value at a pixel of a tile that the edge crosses, which 32 bits hold.
+    #[inline(always)]
+    fn at(&self, column: i32, row: i32) -> i32 {
+        self.c as i32 + self.dx * row - self.dy * column
+    }
+
     /// Least and greatest value over the pixels of a box.
     fn range(&self, x: (i32, i32), y: (i32, i32)) -> (i64, i64) {
         let (dx, dy) = (i64::from(self.dx), -i64::from(self.dy));
@@ -122,7 +136,7 @@ pub(super) fn triangle<S: Simd>(
     what: u32,
     fragments: &mut Fragments,
 ) {
-    let [a, b, c] = corners.map(|v| [v[0] - grid.sample[0], v[1] - grid.sample[1]]);
+    let [a, b, c] = [grid.place(corners[0]), grid.place(corners[1]), grid.place(corners[2])];
     // Pixels with samples inside the box, within the tile.
     let last = TILE_SIDE as i32 - 1;
     let (low_x, high_x) = (a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]));
@@ -155,7 +169,11 @@ pub(super) fn triangle<S: Simd>(
             }
         }
     }
-    let lanes = edges.map(|edge| offsets.y * edge.dx - offsets.x * edge.dy);
+    let lanes = [
+        offsets.y * edges[0].dx - offsets.x * edges[0].dy,
+        offsets.y * edges[1].dx - offsets.x * edges[1].dy,
+        offsets.y * edges[2].dx - offsets.x * edges[2].dy,
+    ];
     let key = key();
     let (key_x, key_y) = (key.over.x as f32, key.over.y as f32);
     let key_lanes = offsets.x_f * key_x + offsets.y_f * key_y;
@@ -164,8 +182,10 @@ pub(super) fn triangle<S: Simd>(
         let row = block_y * height;
         for block_x in blocks_x.0..=blocks_x.1 {
             let column = block_x * width;
-            let at = |i: usize| lanes[i] + (edges[i].c as i32 + edges[i].dx * row - edges[i].dy * column);
-            let inside = (at(0) | at(1) | at(2)).simd_ge(0);
+            let e0 = lanes[0] + edges[0].at(column, row);
+            let e1 = lanes[1] + edges[1].at(column, row);
+            let e2 = lanes[2] + edges[2].at(column, row);
+            let inside = (e0 | e1 | e2).simd_ge(0);
             if inside.all_false() {
                 continue;
             }

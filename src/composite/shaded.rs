@@ -8,13 +8,15 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, f32x8};
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use super::Picture;
 use crate::layers::{Boundary, LayerSource, LayerStack, LayerTile, MAX_SAMPLES, TILE_SIDE};
 use crate::scene::Light;
-use crate::space::{Camera, PixelRect};
+use crate::space::{Camera, PixelRect, Projection};
 
 /// How the hemisphere's light spreads: from below comes this share of what comes from above.
 const GROUND_SHARE: f32 = 0.45;
@@ -36,9 +38,40 @@ pub struct Look {
     pub background: [f32; 4],
 }
 
+/// Pixels that are lit at once.
+const LANES: usize = 8;
+
+/// Opaque pixels that wait to be lit together.
+#[derive(Debug, Default)]
+struct Batch {
+    len: usize,
+    /// Where in the tile they are.
+    index: [usize; LANES],
+    /// Pixel centres, from the picture's middle.
+    at: [[f32; LANES]; 2],
+    normal: [[f32; LANES]; 3],
+    colour: [[f32; LANES]; 3],
+}
+
+impl Batch {
+    #[inline(always)]
+    fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary) {
+        let lane = self.len;
+        self.len += 1;
+        self.index[lane] = index;
+        (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
+        let (normal, colour) = (boundary.normal.to_array(), boundary.colour);
+        for k in 0..3 {
+            self.normal[k][lane] = normal[k];
+            self.colour[k][lane] = colour[k];
+        }
+    }
+}
+
 /// A [`Look`] as one camera sees it.
 #[derive(Debug, Clone)]
 pub struct Shader<'a> {
+    level: Level,
     camera: &'a Camera,
     towards_light: Vec3,
     ambient: f32,
@@ -50,13 +83,74 @@ impl<'a> Shader<'a> {
         let towards = if light.in_world { light.towards } else { camera.rotate_to_world(light.towards) };
         // A light from nowhere comes from the eye.
         let towards = towards.try_normalize().unwrap_or(-camera.forward);
-        Self { camera, towards_light: towards.as_vec3(), ambient: light.ambient }
+        Self { level: Level::new(), camera, towards_light: towards.as_vec3(), ambient: light.ambient }
     }
 
     /// The unit vector from the surface towards the eye at the centre of pixel (`x`, `y`), in world space.
     pub fn towards_eye(&self, x: u32, y: u32) -> Vec3 {
         let ray = self.camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
         (-ray.dir).normalize().as_vec3()
+    }
+
+    /// The centre of a pixel, counted from the picture's middle.
+    #[inline(always)]
+    fn from_middle(&self, x: u32, y: u32) -> [f32; 2] {
+        let along = |at: u32, side: u32| at as f32 + 0.5 - 0.5 * side as f32;
+        [along(x, self.camera.width), along(y, self.camera.height)]
+    }
+
+    /// Lights what `batch` holds, writes it to its places in `pixels`, and empties it. The same light as [`lit`](Self::lit).
+    fn light(&self, batch: &mut Batch, pixels: &mut [[f32; 4]]) {
+        let lit = fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lit_lanes(simd, batch)));
+        for (lane, &index) in batch.index[..batch.len].iter().enumerate() {
+            pixels[index] = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
+        }
+        batch.len = 0;
+    }
+
+    #[inline(always)]
+    fn lit_lanes<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
+        let load = |lanes: &[f32; LANES]| f32x8::from_slice(simd, lanes);
+        let (forward, right, down) =
+            (self.camera.forward.as_vec3(), self.camera.right.as_vec3(), self.camera.down.as_vec3());
+        // Towards the eye.
+        let (mut e_x, mut e_y, mut e_z) =
+            (f32x8::splat(simd, -forward.x), f32x8::splat(simd, -forward.y), f32x8::splat(simd, -forward.z));
+        if let Projection::Perspective { focal_px } = self.camera.projection {
+            let per_focal = (1.0 / focal_px) as f32;
+            let (x, y) = (load(&batch.at[0]) * per_focal, load(&batch.at[1]) * per_focal);
+            e_x -= x * right.x + y * down.x;
+            e_y -= x * right.y + y * down.y;
+            e_z -= x * right.z + y * down.z;
+            let per_length = f32x8::splat(simd, 1.0) / (e_x * e_x + e_y * e_y + e_z * e_z).sqrt();
+            (e_x, e_y, e_z) = (e_x * per_length, e_y * per_length, e_z * per_length);
+        }
+        let (n_x, n_y, n_z) = (load(&batch.normal[0]), load(&batch.normal[1]), load(&batch.normal[2]));
+        let facing_eye = n_x * e_x + n_y * e_y + n_z * e_z;
+        // Both sides are lit alike: products with the normal change sign where it looks away.
+        let one = f32x8::splat(simd, 1.0);
+        let side = facing_eye.simd_lt(0.0).select(-one, one);
+        let facing_eye = facing_eye.abs().min(1.0);
+        let light = self.towards_light;
+        let facing_light = (side * (n_x * light.x + n_y * light.y + n_z * light.z)).max(0.0);
+        let up = -down;
+        let from_above = side * (n_x * up.x + n_y * up.y + n_z * up.z) * 0.5 + 0.5;
+        let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * self.ambient;
+        let rim = power::<RIM_EXPONENT, S>(one - facing_eye) * RIM;
+        let diffuse = hemisphere + facing_light * (1.0 - self.ambient) + rim;
+        let (b_x, b_y, b_z) = (e_x + light.x, e_y + light.y, e_z + light.z);
+        let squared = b_x * b_x + b_y * b_y + b_z * b_z;
+        // Straight from behind there is no direction between; nothing shines there.
+        let per_length = squared.simd_gt(f32::MIN_POSITIVE).select(one / squared.sqrt(), one);
+        let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
+        let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT;
+        let highlight = facing_light.simd_gt(0.0).select(shine, f32x8::splat(simd, 0.0));
+        let [r, g, b] = &batch.colour;
+        [
+            (load(r) * diffuse + highlight).into(),
+            (load(g) * diffuse + highlight).into(),
+            (load(b) * diffuse + highlight).into(),
+        ]
     }
 
     /// Linear RGB of the lit surface at `boundary`, seen from `towards_eye` (world space, unit length).
@@ -74,6 +168,17 @@ impl<'a> Shader<'a> {
             if facing_light > 0.0 { HIGHLIGHT * normal.dot(between).max(0.0).powi(HIGHLIGHT_EXPONENT) } else { 0.0 };
         boundary.colour.map(|c| c * diffuse + highlight)
     }
+}
+
+/// `base` to a power of two, by squaring.
+#[inline(always)]
+fn power<const EXPONENT: i32, S: Simd>(base: f32x8<S>) -> f32x8<S> {
+    const { assert!(EXPONENT > 0 && EXPONENT & (EXPONENT - 1) == 0) };
+    let mut power = base;
+    for _ in 0..EXPONENT.trailing_zeros() {
+        power = power * power;
+    }
+    power
 }
 
 /// Draws `source`, tile by tile in parallel; beside the picture only a few tiles are in memory at any time. The same bits
@@ -142,20 +247,29 @@ pub fn tile_count(camera: &Camera) -> u64 {
 }
 
 fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Blended {
-    let mut pixels = Vec::with_capacity(tile.rect.area());
+    let mut pixels = vec![background; tile.rect.area()];
     let mut covered = 0;
-    for y in tile.rect.y0..tile.rect.y1 {
-        for x in tile.rect.x0..tile.rect.x1 {
+    // Most pixels show one opaque surface: those are lit several at a time.
+    let all = u16::MAX >> (MAX_SAMPLES - samples);
+    let mut batch = Batch::default();
+    for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
+        for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
             let boundaries = tile.at(x, y);
-            pixels.push(if boundaries.is_empty() {
-                background
+            let Some(first) = boundaries.first() else { continue };
+            covered += 1;
+            let index = row * tile.rect.width() as usize + column;
+            if first.samples & all == all && first.opacity >= 1.0 {
+                batch.push(index, shader.from_middle(x, y), first);
+                if batch.len == LANES {
+                    shader.light(&mut batch, &mut pixels);
+                }
             } else {
-                covered += 1;
                 let towards_eye = shader.towards_eye(x, y);
-                blend(boundaries, samples, background, |boundary| shader.lit(boundary, towards_eye))
-            });
+                pixels[index] = blend(boundaries, samples, background, |boundary| shader.lit(boundary, towards_eye));
+            }
         }
     }
+    shader.light(&mut batch, &mut pixels);
     Blended { pixels, covered }
 }
 
@@ -333,6 +447,31 @@ mod tests {
                     Some(b) => [b.colour[0] * middle, b.colour[1] * middle, 0.0, 1.0],
                 };
                 assert_near(picture.at(x, y), wanted);
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_lit_together_are_lit_as_each_by_itself() {
+        let perspective = Camera::look_at(DVec3::new(1.0, -4.0, 2.0), DVec3::ZERO, DVec3::Z, Lens::FovY(70.0), 37, 29);
+        for camera in [camera(37, 29), perspective.unwrap()] {
+            let at = |x: u32, y: u32| {
+                // Normals of every direction; a transparent pixel now and then breaks the row.
+                let (turn, tilt) = (0.7 * x as f32 + 0.1 * y as f32, 0.3 * y as f32);
+                let normal = Vec3::new(turn.cos() * tilt.cos(), turn.sin() * tilt.cos(), tilt.sin());
+                let opacity = if (x + 3 * y).is_multiple_of(7) { 0.5 } else { 1.0 };
+                vec![Boundary { normal, ..boundary(1.0, [0.2, 0.5, 0.9], opacity, 1) }]
+            };
+            let source = Painted { camera: camera.clone(), samples: 1, at };
+            for in_world in [false, true] {
+                let light = Light { towards: DVec3::new(0.3, -1.0, 0.5), in_world, ambient: 0.2 };
+                let picture = shaded(&source, &Look { light, background: WHITE }, &|| ());
+                let shader = Shader::new(&light, &camera);
+                for (x, y) in (0..29).flat_map(|y| (0..37).map(move |x| (x, y))) {
+                    let alone = blend(&at(x, y), 1, WHITE, |b| shader.lit(b, shader.towards_eye(x, y)));
+                    let together = picture.at(x, y);
+                    assert!(alone.iter().zip(&together).all(|(a, b)| (a - b).abs() < 1e-5), "{alone:?} {together:?}");
+                }
             }
         }
     }

@@ -400,32 +400,35 @@ impl Shrunk {
     #[inline(always)]
     pub fn eval_lanes<S: Simd>(&self, simd: S, state: &[u32x8<S>], scratch: &mut [u32x8<S>]) -> u32x8<S> {
         let (none, all) = (u32x8::splat(simd, 0), u32x8::splat(simd, u32::MAX));
-        let own = |node: &ShrunkNode, mut value: u32x8<S>| {
-            for literals in &self.literals[node.first as usize..node.end as usize] {
-                let mask = u32x8::splat(simd, literals.mask);
-                let holds = (state[literals.word as usize] ^ literals.negated) & mask;
-                value = if node.is_and {
-                    holds.simd_eq(mask).select(value, none)
-                } else {
-                    holds.simd_eq(none).select(value, all)
-                };
-            }
-            value
-        };
-        let neutral = |node: &ShrunkNode| if node.is_and { all } else { none };
         if let [root] = &self.nodes[..] {
-            return own(root, neutral(root));
+            return self.own_lanes(simd, root, state, if root.is_and { all } else { none });
         }
         for (value, node) in scratch.iter_mut().zip(&self.nodes) {
-            *value = neutral(node);
+            *value = if node.is_and { all } else { none };
         }
         for (i, node) in self.nodes.iter().enumerate() {
-            let value = own(node, scratch[i]);
+            let value = self.own_lanes(simd, node, state, scratch[i]);
             let Some(above) = self.nodes.get(node.parent as usize) else { return value };
             let up = &mut scratch[node.parent as usize];
             *up = if above.is_and { *up & value } else { *up | value };
         }
         none
+    }
+
+    /// A node's value with its own literals, given that of its other operands. Not a closure: those are not always inlined,
+    /// and then every operation becomes a call.
+    #[inline(always)]
+    fn own_lanes<S: Simd>(&self, simd: S, node: &ShrunkNode, state: &[u32x8<S>], mut value: u32x8<S>) -> u32x8<S> {
+        for literals in &self.literals[node.first as usize..node.end as usize] {
+            let mask = u32x8::splat(simd, literals.mask);
+            let holds = (state[literals.word as usize] ^ literals.negated) & mask;
+            value = if node.is_and {
+                holds.simd_eq(mask).select(value, u32x8::splat(simd, 0))
+            } else {
+                holds.simd_eq(0).select(value, u32x8::splat(simd, u32::MAX))
+            };
+        }
+        value
     }
 }
 
