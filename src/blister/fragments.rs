@@ -93,6 +93,29 @@ impl Fragments {
         self.what.push(what.into());
     }
 
+    /// Adds one fragment of the leaf `slot`, at pixel `lane` of a block.
+    #[inline(always)]
+    pub fn add_one(&mut self, block: u32, slot: u32, lane: usize, key: f32, what: u32) {
+        let newest = self.newest[block as usize];
+        let mut at = newest;
+        for _ in 0..LOOK_BACK {
+            let Some(head) = self.heads.get_mut(at as usize) else { break };
+            if head.slot == slot && head.taken >> lane & 1 == 0 {
+                head.taken |= 1 << lane;
+                self.keys[at as usize][lane] = key;
+                self.what[at as usize][lane] = what;
+                return;
+            }
+            at = head.next;
+        }
+        self.newest[block as usize] = self.heads.len() as u32;
+        self.heads.push(LayerHead { slot, next: newest, taken: 1 << lane });
+        let mut keys = [ABSENT; LANES];
+        keys[lane] = key;
+        self.keys.push(keys);
+        self.what.push([what; LANES]);
+    }
+
     /// Fills `list` with the layers of `block`, newest first.
     pub fn layers_of(&self, block: u32, list: &mut Vec<u32>) {
         list.clear();

@@ -12,11 +12,12 @@ use glam::DVec2;
 use super::beyond;
 use super::bins::{Bins, Entry};
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, Fragments, LANES};
-use super::model::MeshModel;
+use super::model::{MeshModel, Triangle};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
 use super::planes::NO_PLANE;
-use super::project::{self, SUBPIXELS, Snapped, View, place};
+use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
 use super::raster::{self, Grid, Key, Offsets};
+use super::small;
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, SlotLook, Survivors};
 use super::ties::Judge;
@@ -335,49 +336,81 @@ impl Pass<'_> {
         planes: &[Key],
         fragments: &mut Fragments,
     ) {
-        let (model, view, vertices) = (self.frame.model, &self.frame.view, &self.frame.vertices);
+        let (model, vertices) = (self.frame.model, &self.frame.vertices);
         let first = model.meshlets[entry.meshlet as usize].first;
         let mut rest = entry.triangles;
+        let mut batch = small::Batch::default();
         while rest != 0 {
             let number = first + rest.trailing_zeros();
             rest &= rest - 1;
-            let numbers = model.triangles[number as usize];
-            let corners = numbers.map(|v| &vertices[v as usize]);
-            let [a, b, c] = corners;
-            let plane = model.plane_of[number as usize];
-            let own = || {
-                let normal = model.normals[number as usize].as_dvec3();
-                view.key_over(normal, model.position(numbers[0])).counted_from(self.offset)
-            };
-            if a[3] | b[3] | c[3] == place::FINE {
-                let key = || {
-                    if plane != NO_PLANE {
-                        return planes[plane as usize];
-                    }
-                    let key = |v: &Snapped| f32::from_bits(v[2] as u32);
-                    let (low, high) = (key(a).min(key(b)).min(key(c)), key(a).max(key(b)).max(key(c)));
-                    held(own(), low, high)
-                };
-                raster::triangle(simd, offsets, &self.grid, corners, key, slot, number, fragments);
+            let triangle = &model.triangles[number as usize];
+            let corners = triangle.vertices.map(|v| &vertices[v as usize]);
+            if corners[0][3] | corners[1][3] | corners[2][3] == place::FINE {
+                batch.push(number, corners);
             } else {
-                let over = if plane == NO_PLANE { own() } else { planes[plane as usize].over };
-                let corner = |i: usize| beyond::Corner {
-                    vertex: numbers[i],
-                    snapped: corners[i],
-                    p_in_view: view.camera.view_from_world(model.position(numbers[i])),
-                };
-                let corners = [corner(0), corner(1), corner(2)];
-                beyond::triangle(simd, view, &self.grid, corners, over, slot, number, fragments);
+                self.beyond(simd, number, slot, planes, fragments);
             }
+            if batch.len < LANES && rest != 0 {
+                continue;
+            }
+            let found = batch.find(simd, &self.grid);
+            let mut visible = found.visible();
+            while visible != 0 {
+                let lane = visible.trailing_zeros() as usize;
+                visible &= visible - 1;
+                let number = batch.numbers[lane];
+                found.draw(lane, &self.key(number, planes), &self.grid, slot, number, fragments);
+            }
+            let mut large = found.large;
+            while large != 0 {
+                let number = batch.numbers[large.trailing_zeros() as usize];
+                large &= large - 1;
+                let corners = model.triangles[number as usize].vertices.map(|v| &vertices[v as usize]);
+                let key = || self.key(number, planes);
+                raster::triangle(simd, offsets, &self.grid, corners, key, slot, number, fragments);
+            }
+            batch.len = 0;
         }
+    }
+
+    /// The key over a triangle's plane, its own or a shared one.
+    #[inline(always)]
+    fn key(&self, number: u32, planes: &[Key]) -> Key {
+        let triangle = &self.frame.model.triangles[number as usize];
+        if triangle.plane != NO_PLANE {
+            return planes[triangle.plane as usize];
+        }
+        let [a, b, c] = triangle.vertices.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
+        held(self.own_key(triangle), a.min(b).min(c), a.max(b).max(c))
+    }
+
+    #[inline(always)]
+    fn own_key(&self, triangle: &Triangle) -> Affine {
+        self.frame.view.key_over(triangle.normal.as_dvec3(), triangle.offset).counted_from(self.offset)
+    }
+
+    /// Draws a triangle that is not on the grid.
+    #[inline(never)]
+    fn beyond<S: Simd>(&self, simd: S, number: u32, slot: u32, planes: &[Key], fragments: &mut Fragments) {
+        let (model, view) = (self.frame.model, &self.frame.view);
+        let triangle = &model.triangles[number as usize];
+        let over =
+            if triangle.plane == NO_PLANE { self.own_key(triangle) } else { planes[triangle.plane as usize].over };
+        let corner = |i: usize| {
+            let vertex = triangle.vertices[i];
+            let p_in_view = view.camera.view_from_world(model.position(vertex));
+            beyond::Corner { vertex, snapped: &self.frame.vertices[vertex as usize], p_in_view }
+        };
+        let corners = [corner(0), corner(1), corner(2)];
+        beyond::triangle(simd, view, &self.grid, corners, over, slot, number, fragments);
     }
 }
 
 /// A triangle's own key, held to its corners' range. One that is seen edge on has no plane that says anything: it has its
 /// nearest corner's key.
-fn held(over: project::Affine, low: f32, high: f32) -> Key {
+fn held(over: Affine, low: f32, high: f32) -> Key {
     let is_sound = over.x.is_finite() && over.y.is_finite() && over.c.is_finite();
-    if is_sound { Key { over, low, high } } else { Key { over: project::Affine::default(), low: high, high } }
+    if is_sound { Key { over, low, high } } else { Key { over: Affine::default(), low: high, high } }
 }
 
 impl LayerSource for MeshFrame<'_> {

@@ -99,6 +99,18 @@ pub(super) struct Meshlet {
     pub leaf: LeafId,
 }
 
+/// A triangle in world space: all that drawing it needs beside its corners on the picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Triangle {
+    pub vertices: [u32; 3],
+    /// Its plane among the model's, or [`NO_PLANE`] where no other leaf shares it.
+    pub plane: u32,
+    /// Unit normal; zero where the triangle has no area.
+    pub normal: Vec3,
+    /// Of the plane across `normal`, as rounded, through the first corner.
+    pub offset: f64,
+}
+
 /// An analytic leaf.
 #[derive(Debug, Clone)]
 pub(super) struct SolidLeaf {
@@ -122,11 +134,7 @@ pub struct MeshModel {
     pub(super) positions: [Vec<f64>; 3],
     /// By vertex, sRGB; empty where no leaf has any.
     pub(super) vertex_colours: Vec<[u8; 3]>,
-    pub(super) triangles: Vec<[u32; 3]>,
-    /// By triangle: unit normal in world space; zero where the triangle has no area.
-    pub(super) normals: Vec<Vec3>,
-    /// By triangle: its plane among `planes`, or [`NO_PLANE`] where no other leaf shares it.
-    pub(super) plane_of: Vec<u32>,
+    pub(super) triangles: Vec<Triangle>,
     pub(super) planes: Vec<Plane>,
     pub(super) meshlets: Vec<Meshlet>,
     pub(super) solids: Vec<SolidLeaf>,
@@ -177,8 +185,6 @@ impl MeshModel {
             positions: std::array::from_fn(|_| Vec::with_capacity(vertices)),
             vertex_colours: Vec::new(),
             triangles: Vec::with_capacity(triangles),
-            normals: Vec::with_capacity(triangles),
-            plane_of: Vec::new(),
             planes: Vec::new(),
             meshlets: Vec::new(),
             solids: Vec::new(),
@@ -223,8 +229,13 @@ impl MeshModel {
         }
         for triangle in mesh.triangles {
             let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
-            self.normals.push((b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO).as_vec3());
-            self.triangles.push(triangle.map(|v| v + base));
+            let normal = (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
+            self.triangles.push(Triangle {
+                vertices: triangle.map(|v| v + base),
+                plane: NO_PLANE,
+                normal,
+                offset: normal.as_dvec3().dot(a),
+            });
         }
     }
 
@@ -232,7 +243,7 @@ impl MeshModel {
         let mut uses = Vec::with_capacity(self.triangles.len());
         for meshlet in &self.meshlets {
             for triangle in meshlet.first..meshlet.first + meshlet.count {
-                let corners = self.triangles[triangle as usize].map(|v| self.position(v));
+                let corners = self.triangles[triangle as usize].vertices.map(|v| self.position(v));
                 uses.push(PlaneUse::of_triangle(meshlet.leaf, corners));
             }
         }
@@ -254,7 +265,9 @@ impl MeshModel {
             }
         }
         self.planes = planes;
-        self.plane_of = plane_of;
+        for (triangle, plane) in self.triangles.iter_mut().zip(plane_of) {
+            triangle.plane = plane;
+        }
     }
 
     /// A vertex in world space.

@@ -104,12 +104,12 @@ impl View {
         (px - self.middle) / self.scale
     }
 
-    /// The key over the plane through `point` across `normal`, both in world space. Not finite where the eye, or the
+    /// The key over the plane of the points p with `normal`·p = `offset`, in world space. Not finite where the eye, or the
     /// direction of an orthographic view, lies in the plane.
     #[inline(always)]
-    pub fn key_over(&self, normal: DVec3, point: DVec3) -> Affine {
+    pub fn key_over(&self, normal: DVec3, offset: f64) -> Affine {
         let n = self.camera.rotate_to_view(normal);
-        let offset = normal.dot(point - self.camera.eye);
+        let offset = offset - normal.dot(self.camera.eye);
         let (share, constant) = if self.is_perspective {
             let share = 1.0 / offset;
             (share, n.z * share)
@@ -151,7 +151,7 @@ pub(super) fn planes(view: &View, planes: &[Plane]) -> Vec<Key> {
             Some((low, high)) => view.key_range(low, high),
             None => (f32::MIN, f32::MAX),
         };
-        Key { over: view.key_over(plane.normal, plane.point), low, high }
+        Key { over: view.key_over(plane.normal, plane.normal.dot(plane.point)), low, high }
     };
     planes.iter().map(on_picture).collect()
 }

@@ -117,6 +117,55 @@ impl Edge {
     }
 }
 
+/// A triangle over more blocks than this across has its rows of blocks cut to where its edges leave them: long slivers touch
+/// few blocks of their box.
+const WIDE_BLOCKS: i32 = 2;
+
+/// The columns of a row within an edge: where `x·direction ≤ offset + slope·row`.
+#[derive(Debug, Clone, Copy)]
+struct Bound {
+    offset: f64,
+    slope: f64,
+}
+
+/// What a triangle's edges leave of a row of pixels.
+struct Bounds {
+    /// Greatest and least column: of the edges that bound to the right, and to the left.
+    right: [Bound; 3],
+    left: [Bound; 3],
+}
+
+impl Bounds {
+    fn new(edges: &[Edge; 3]) -> Self {
+        let none = |offset: f64| [Bound { offset, slope: 0.0 }; 3];
+        let (mut right, mut left) = (none(f64::INFINITY), none(f64::NEG_INFINITY));
+        for (i, edge) in edges.iter().enumerate() {
+            // c + dx·row − dy·column ≥ 0. Rounding is far below a pixel's hundredth.
+            const SLACK: f64 = 0.01;
+            let per = 1.0 / f64::from(edge.dy);
+            let bound = Bound { offset: edge.c as f64 * per, slope: f64::from(edge.dx) * per };
+            if edge.dy > 0 {
+                right[i] = Bound { offset: bound.offset + SLACK, ..bound };
+            } else if edge.dy < 0 {
+                left[i] = Bound { offset: bound.offset - SLACK, ..bound };
+            }
+        }
+        Self { right, left }
+    }
+
+    /// The first and last column that any pixel of the rows from `first` to `last` can have.
+    #[inline(always)]
+    fn columns(&self, first: i32, last: i32) -> (i32, i32) {
+        let (first, last) = (f64::from(first), f64::from(last));
+        let most = |b: &Bound| (b.offset + b.slope * first).max(b.offset + b.slope * last);
+        let least = |b: &Bound| (b.offset + b.slope * first).min(b.offset + b.slope * last);
+        let right = most(&self.right[0]).min(most(&self.right[1])).min(most(&self.right[2]));
+        let left = least(&self.left[0]).max(least(&self.left[1])).max(least(&self.left[2]));
+        // Casts saturate.
+        (left.ceil() as i32, right.floor() as i32)
+    }
+}
+
 /// The top-left rule: whether samples exactly on the edge belong to the triangle. True for just one direction of an edge.
 #[inline(always)]
 pub(super) fn owns_zero(dx: i32, dy: i32) -> bool {
@@ -178,9 +227,15 @@ pub(super) fn triangle<S: Simd>(
     let (key_x, key_y) = (key.over.x as f32, key.over.y as f32);
     let key_lanes = offsets.x_f * key_x + offsets.y_f * key_y;
     let what = u32x8::splat(simd, what);
+    let bounds = (blocks_x.1 - blocks_x.0 > WIDE_BLOCKS).then(|| Bounds::new(&edges));
     for block_y in blocks_y.0..=blocks_y.1 {
         let row = block_y * height;
-        for block_x in blocks_x.0..=blocks_x.1 {
+        let mut across = blocks_x;
+        if let Some(bounds) = &bounds {
+            let (left, right) = bounds.columns(row, row + height - 1);
+            across = (across.0.max(left.max(0) / width), across.1.min(right.min(last) >> BLOCK_WIDTH.trailing_zeros()));
+        }
+        for block_x in across.0..=across.1 {
             let column = block_x * width;
             let e0 = lanes[0] + edges[0].at(column, row);
             let e1 = lanes[1] + edges[1].at(column, row);

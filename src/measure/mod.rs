@@ -8,8 +8,10 @@
 //!   ordinary scenes, in memory or on disk ([`scene_files`]). [`suite`] runs them through any pipeline and writes tables;
 //!   [`open`] gives it the reference renderer as truth.
 //! * [`unknown_search`] looks for scenes in which the paper's rule for unknown leaves fails.
+//! * [`algebra`] holds pictures of meshes against the laws of Boolean algebra.
 //! * [`chart`] draws accuracy against time, and growth.
 
+pub mod algebra;
 pub mod chart;
 pub mod compare;
 pub mod difference;
