@@ -16,6 +16,8 @@ pub(super) struct Entry {
     pub meshlet: u32,
     /// The greatest key of the meshlet's drawn triangles: none of its fragments is nearer.
     pub nearest: f32,
+    /// The pixels around all of the meshlet that is drawn: first column and row, last column and row.
+    pub px: [u16; 4],
     /// Which of its triangles.
     pub triangles: u64,
 }
@@ -28,13 +30,31 @@ pub(super) struct Bins {
     entries: Vec<Entry>,
 }
 
-/// Tiles that a triangle may touch, both ends included.
+/// Tiles or pixels that a triangle may touch, both ends included.
 #[derive(Debug, Clone, Copy, Default)]
-struct Tiles {
+struct Span {
     x0: i32,
     y0: i32,
     x1: i32,
     y1: i32,
+}
+
+impl Span {
+    /// The tiles of pixels.
+    #[inline(always)]
+    fn tiles(&self) -> Self {
+        const SHIFT: u32 = TILE_SIDE.trailing_zeros();
+        Self { x0: self.x0 >> SHIFT, y0: self.y0 >> SHIFT, x1: self.x1 >> SHIFT, y1: self.y1 >> SHIFT }
+    }
+
+    fn around(&self, other: &Self) -> Self {
+        Self {
+            x0: self.x0.min(other.x0),
+            y0: self.y0.min(other.y0),
+            x1: self.x1.max(other.x1),
+            y1: self.y1.max(other.y1),
+        }
+    }
 }
 
 impl Bins {
@@ -81,8 +101,7 @@ impl Bins {
 
 /// The picture's size, and where in a pixel samples may lie.
 struct Picture {
-    /// Last tile each way.
-    last: (i32, i32),
+    tiles_across: i32,
     /// Last pixel each way.
     last_px: (i32, i32),
     /// A pixel's samples lie between these, in subpixels.
@@ -97,7 +116,7 @@ impl Picture {
         let side = TILE_SIDE as i32;
         let (first_sample, last_sample) = if samples_apart { (0, 255) } else { (128, 128) };
         Self {
-            last: ((width - 1) / side, (height - 1) / side),
+            tiles_across: (width - 1) / side + 1,
             last_px: (width - 1, height - 1),
             first_sample,
             last_sample,
@@ -105,16 +124,15 @@ impl Picture {
         }
     }
 
-    /// The tiles of the pixels with a sample between the corners' least and greatest positions; `None` without such pixels.
+    /// The pixels with a sample between the corners' least and greatest positions; `None` without such pixels.
     #[inline(always)]
-    fn tiles(&self, low: &Snapped, high: &Snapped) -> Option<Tiles> {
+    fn pixels(&self, low: &Snapped, high: &Snapped) -> Option<Span> {
         // The first pixel whose last sample is not before `low`, the last pixel whose first sample is not after `high`.
         let first = |low: i32| (low - self.last_sample + 255) >> 8;
         let last = |high: i32| (high - self.first_sample) >> 8;
         let (x0, y0) = (first(low[0]).max(0), first(low[1]).max(0));
         let (x1, y1) = (last(high[0]).min(self.last_px.0), last(high[1]).min(self.last_px.1));
-        const SHIFT: u32 = TILE_SIDE.trailing_zeros();
-        (x0 <= x1 && y0 <= y1).then_some(Tiles { x0: x0 >> SHIFT, y0: y0 >> SHIFT, x1: x1 >> SHIFT, y1: y1 >> SHIFT })
+        (x0 <= x1 && y0 <= y1).then_some(Span { x0, y0, x1, y1 })
     }
 }
 
@@ -128,9 +146,9 @@ fn bin(
 ) {
     let of = &model.meshlets[meshlet];
     let triangles = &model.triangles[of.first as usize..(of.first + of.count) as usize];
-    let mut tiles = [Tiles::default(); MESHLET];
+    let mut tiles = [Span::default(); MESHLET];
     let mut drawn = 0_u64;
-    let mut all = Tiles { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
+    let mut pixels = Span { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
     let mut nearest = f32::NEG_INFINITY;
     for (i, triangle) in triangles.iter().enumerate() {
         let [a, b, c] = triangle.vertices.map(|v| vertices[v as usize]);
@@ -139,12 +157,12 @@ fn bin(
         let places = a[3] | b[3] | c[3];
         let found = if places & place::BEHIND == 0 {
             // Positions far aside are held to the grid's border, which leaves them outside of the picture.
-            picture.tiles(&low, &high)
+            picture.pixels(&low, &high)
         } else if a[3] & b[3] & c[3] & place::BEHIND != 0 {
             None
         } else {
             // Through the eye's plane: where it lies on the picture is found tile by tile.
-            Some(Tiles { x0: 0, y0: 0, x1: picture.last.0, y1: picture.last.1 })
+            Some(Span { x0: 0, y0: 0, x1: picture.last_px.0, y1: picture.last_px.1 })
         };
         let Some(found) = found else { continue };
         let key = |v: &Snapped| f32::from_bits(v[2] as u32);
@@ -157,19 +175,16 @@ fn bin(
         };
         nearest = nearest.max(key);
         drawn |= 1 << i;
-        tiles[i] = found;
-        all = Tiles {
-            x0: all.x0.min(found.x0),
-            y0: all.y0.min(found.y0),
-            x1: all.x1.max(found.x1),
-            y1: all.y1.max(found.y1),
-        };
+        tiles[i] = found.tiles();
+        pixels = pixels.around(&found);
     }
     if drawn == 0 {
         return;
     }
-    let across = picture.last.0 + 1;
-    let entry = |triangles| Entry { meshlet: meshlet as u32, nearest, triangles };
+    let all = pixels.tiles();
+    let across = picture.tiles_across;
+    let px = [pixels.x0, pixels.y0, pixels.x1, pixels.y1].map(|px| px as u16);
+    let entry = |triangles| Entry { meshlet: meshlet as u32, nearest, px, triangles };
     let tile = |x: i32, y: i32| (y * across + x) as u32;
     if (all.x0, all.y0) == (all.x1, all.y1) {
         out.push((tile(all.x0, all.y0), entry(drawn)));

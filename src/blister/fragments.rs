@@ -58,6 +58,8 @@ pub(super) struct Fragments {
     pub keys: Vec<[f32; LANES]>,
     /// What each fragment is of: a triangle, or a solid's hit.
     pub what: Vec<[u32; LANES]>,
+    /// By row of blocks: bit i is set where block i needs no more fragments.
+    settled: [u16; BLOCKS_DOWN as usize],
 }
 
 impl Fragments {
@@ -68,6 +70,24 @@ impl Fragments {
         self.heads.clear();
         self.keys.clear();
         self.what.clear();
+        self.settled = [0; BLOCKS_DOWN as usize];
+    }
+
+    /// Whether a block needs no more fragments.
+    #[inline(always)]
+    pub fn is_settled(&self, block_x: u32, block_y: u32) -> bool {
+        self.settled[block_y as usize] >> block_x & 1 == 1
+    }
+
+    /// Takes no more fragments for a block.
+    pub fn settle(&mut self, block_x: u32, block_y: u32) {
+        self.settled[block_y as usize] |= 1 << block_x;
+    }
+
+    /// Whether all blocks from `first` to `last`, (column, row) each, are settled.
+    pub fn all_settled(&self, first: (u32, u32), last: (u32, u32)) -> bool {
+        let columns = (u32::from(u16::MAX) >> (BLOCKS_ACROSS - 1 - (last.0 - first.0)) << first.0) as u16;
+        self.settled[first.1 as usize..=last.1 as usize].iter().all(|row| row & columns == columns)
     }
 
     /// Adds fragments of the leaf `slot` at the pixels of `mask`, which is not empty.

@@ -11,15 +11,15 @@ use glam::DVec2;
 
 use super::beyond;
 use super::bins::{Bins, Entry};
-use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, Fragments, LANES};
-use super::model::{MeshModel, Triangle};
+use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
+use super::model::{Look, MeshModel, Triangle};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
 use super::planes::NO_PLANE;
 use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
 use super::raster::{self, Grid, Key, Offsets};
 use super::small;
 use super::solids::{self, SolidHit};
-use super::survivors::{Chooser, SlotLook, Survivors};
+use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
 use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
@@ -38,6 +38,8 @@ pub struct MeshFrame<'a> {
     bins: Bins,
     /// By solid of the model: its pixels.
     covers: Vec<PixelRect>,
+    /// By leaf index: whether no ray begins inside.
+    begins_outside: Vec<bool>,
     /// Over positions in pixels.
     planes: Vec<Key>,
     /// Buffers of the tiles drawn so far, for those to come.
@@ -61,6 +63,9 @@ struct Scratch {
     peel: PeelScratch,
     judge: Judge,
     survivors: Survivors,
+    entries: Vec<Entry>,
+    /// By block: what is seen of one that is settled.
+    settled: Vec<Eight>,
 }
 
 impl<'a> MeshFrame<'a> {
@@ -73,7 +78,13 @@ impl<'a> MeshFrame<'a> {
         let bins = Bins::new(&view, model, &vertices, samples > 1);
         let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let planes = project::planes(&view, &model.planes);
-        Self { model, view, limit, samples, level, vertices, bins, covers, planes, spare: Mutex::default() }
+        let outside = |look: &Option<Look>| {
+            let around = look.as_ref().and_then(|look| look.closed_within);
+            around.is_some_and(|(low, high)| view.begins_outside(low, high))
+        };
+        let begins_outside = model.looks.iter().map(outside).collect();
+        let spare = Mutex::default();
+        Self { model, view, limit, samples, level, vertices, bins, covers, begins_outside, planes, spare }
     }
 
     fn draw_into(&self, rect: PixelRect, scratch: &mut Scratch) -> LayerTile {
@@ -159,7 +170,7 @@ impl<'a> MeshFrame<'a> {
         if scratch.shrunk.keep(&self.model.flat, present) != Kept::Open {
             return LayerTile::empty(wanted);
         }
-        let slots = scratch.shrunk.slots();
+        let slots = scratch.shrunk.slots().to_vec();
         let slot_of = |leaf: LeafId| slots.binary_search(&leaf).ok().map(|slot| slot as u32);
         scratch.kinds.clear();
         scratch.kinds.extend(
@@ -182,6 +193,18 @@ impl<'a> MeshFrame<'a> {
             is_solid: self.model.solid_of(*leaf).is_some(),
             stops: self.limit == LayerLimit::Nearest && self.model.look(*leaf).opacity >= 1.0,
         }));
+        // Then any boundary is all that a pixel needs, and a block can be settled before everything is drawn.
+        let is_plain = scratch.looks.iter().all(|look| look.stops && !look.is_solid && !look.look.is_sheet);
+        let may_settle = is_plain && slots.iter().all(|leaf| self.begins_outside[leaf.0 as usize]);
+        scratch.entries.clear();
+        scratch.entries.extend(
+            entries
+                .iter()
+                .filter(|entry| slots.binary_search(&self.model.meshlets[entry.meshlet as usize].leaf).is_ok()),
+        );
+        if may_settle {
+            scratch.entries.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.meshlet.cmp(&b.meshlet)));
+        }
         scratch.judge.reset();
         lanes.nodes.resize(scratch.shrunk.node_count(), u32x8::splat(simd, 0));
 
@@ -200,10 +223,21 @@ impl<'a> MeshFrame<'a> {
             scratch.planes.extend(self.planes.iter().map(|key| pass.at_samples(*key)));
             scratch.fragments.clear();
             scratch.hits.clear();
-            for entry in entries {
-                let leaf = self.model.meshlets[entry.meshlet as usize].leaf;
-                if let Some(slot) = slot_of(leaf) {
-                    pass.meshlet(simd, &offsets, entry, slot, &scratch.planes, &mut scratch.fragments);
+            let mut settling = Settling::new(wanted, grid, may_settle);
+            for i in 0..scratch.entries.len() {
+                let entry = scratch.entries[i];
+                if may_settle && settling.hides(&entry, &scratch.fragments) {
+                    continue;
+                }
+                if let Some(slot) = slot_of(self.model.meshlets[entry.meshlet as usize].leaf) {
+                    pass.meshlet(simd, &offsets, &entry, slot, &scratch.planes, &mut scratch.fragments);
+                }
+                let Some(next) = scratch.entries.get(i + 1) else { break };
+                if settling.is_due(&scratch.fragments) {
+                    settling.settle(simd, next.nearest, scratch, lanes);
+                    if settling.open == 0 {
+                        break;
+                    }
                 }
             }
             for (solid, covers) in solids() {
@@ -236,8 +270,11 @@ impl<'a> MeshFrame<'a> {
                 for block_x in blocks(wanted.x0, wanted.x1, BLOCK_WIDTH) {
                     let corner = (x0 + block_x * BLOCK_WIDTH, y0 + block_y * BLOCK_HEIGHT);
                     let wanted_here = wanted_lanes(corner, wanted);
-                    scratch.fragments.layers_of(block_y * BLOCKS_ACROSS + block_x, &mut scratch.layers);
-                    if !scratch.layers.is_empty() {
+                    let number = block_y * BLOCKS_ACROSS + block_x;
+                    scratch.fragments.layers_of(number, &mut scratch.layers);
+                    if scratch.fragments.is_settled(block_x, block_y) {
+                        chooser.out.put_block(&scratch.settled[number as usize]);
+                    } else if !scratch.layers.is_empty() {
                         scratch.begins_inside.clear();
                         for (slot, solid) in &scratch.endless {
                             let solid = &self.model.solids[*solid];
@@ -257,6 +294,9 @@ impl<'a> MeshFrame<'a> {
                             begins_inside: &scratch.begins_inside,
                             wanted: wanted_here,
                             has_sheets,
+                            is_plain,
+                            is_partial: may_settle,
+                            floor: ABSENT,
                         };
                         block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
                     }
@@ -270,6 +310,94 @@ impl<'a> MeshFrame<'a> {
             passes.push(tile);
         }
         if passes.len() == 1 { passes.swap_remove(0) } else { merged(wanted, &passes) }
+    }
+}
+
+/// Settles blocks before all of the tile is drawn.
+///
+/// *Theory.* Meshlets are drawn nearest first. Once the nearest fragment of those to come is known, nothing nearer can appear:
+/// a block whose pixels all have their boundary before it is settled, and takes no more fragments; a meshlet behind
+/// settled blocks alone is not drawn. This needs every ray to begin outside of every leaf, since else the parity of a leaf
+/// takes all of its fragments.
+///
+/// *Practice.* Looking costs a peel of the blocks that are still open, and is for nothing where pixels stay empty. So it is
+/// done when as many layers have come as there are open blocks, and half as often after a look that settled few.
+struct Settling {
+    wanted: PixelRect,
+    grid: Grid,
+    is_on: bool,
+    /// Blocks that are not settled.
+    open: u32,
+    /// Layers at the last look, and how many more make the next.
+    last: usize,
+    step: usize,
+}
+
+impl Settling {
+    /// A look that settles less than this share of the open blocks was too early.
+    const WORTH: u32 = 4;
+
+    fn new(wanted: PixelRect, grid: Grid, is_on: bool) -> Self {
+        let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
+        Self { wanted, grid, is_on, open, last: 0, step: open as usize }
+    }
+
+    fn is_due(&self, fragments: &Fragments) -> bool {
+        self.is_on && fragments.heads.len() >= self.last + self.step
+    }
+
+    /// Whether all that an entry could draw is behind settled blocks.
+    fn hides(&self, entry: &Entry, fragments: &Fragments) -> bool {
+        let within = |px: u16, corner: u32| u32::from(px).saturating_sub(corner).min(TILE_SIDE - 1);
+        let (x0, y0) = (within(entry.px[0], self.grid.x0), within(entry.px[1], self.grid.y0));
+        let (x1, y1) = (within(entry.px[2], self.grid.x0), within(entry.px[3], self.grid.y0));
+        let block = |x: u32, y: u32| (x / BLOCK_WIDTH, y / BLOCK_HEIGHT);
+        fragments.all_settled(block(x0, y0), block(x1, y1))
+    }
+
+    /// Looks at every open block; none of the fragments to come has a greater key than `floor`.
+    #[inline(always)]
+    fn settle<S: Simd>(&mut self, simd: S, floor: f32, scratch: &mut Scratch, lanes: &mut LaneScratch<S>) {
+        scratch.settled.resize((BLOCKS_ACROSS * BLOCKS_DOWN) as usize, Eight::default());
+        let mut settled = 0;
+        for number in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
+            let (block_x, block_y) = (number % BLOCKS_ACROSS, number / BLOCKS_ACROSS);
+            let corner = (self.grid.x0 + block_x * BLOCK_WIDTH, self.grid.y0 + block_y * BLOCK_HEIGHT);
+            let wanted = wanted_lanes(corner, self.wanted);
+            scratch.fragments.layers_of(number, &mut scratch.layers);
+            if wanted == 0 || scratch.layers.is_empty() || scratch.fragments.is_settled(block_x, block_y) {
+                continue;
+            }
+            let mut chooser = Chooser {
+                looks: &scratch.looks,
+                hits: &scratch.hits,
+                judge: &mut scratch.judge,
+                out: &mut scratch.survivors,
+            };
+            let block = Block {
+                shrunk: &scratch.shrunk,
+                fragments: &scratch.fragments,
+                kinds: &scratch.kinds,
+                layers: &scratch.layers,
+                begins_inside: &[],
+                wanted,
+                has_sheets: false,
+                is_plain: true,
+                is_partial: true,
+                floor,
+            };
+            block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
+            if let Some(first) = chooser.out.take_block(wanted) {
+                scratch.settled[number as usize] = first;
+                scratch.fragments.settle(block_x, block_y);
+                settled += 1;
+            }
+        }
+        if settled * Self::WORTH < self.open {
+            self.step *= 2;
+        }
+        self.open -= settled;
+        self.last = scratch.fragments.heads.len();
     }
 }
 

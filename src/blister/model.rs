@@ -87,6 +87,8 @@ pub(super) struct Look {
     pub opacity: f32,
     pub is_sheet: bool,
     pub vertex_colours: bool,
+    /// The box of a closed mesh, world space. `None` for others, whose inside no box tells.
+    pub closed_within: Option<(DVec3, DVec3)>,
 }
 
 /// Up to [`MESHLET`] triangles of one leaf that lie close together.
@@ -148,6 +150,7 @@ struct PlacedMesh {
     triangles: Vec<[u32; 3]>,
     /// Sizes of the meshlets, in order.
     groups: Vec<u32>,
+    is_closed: bool,
 }
 
 impl MeshModel {
@@ -190,12 +193,18 @@ impl MeshModel {
             solids: Vec::new(),
         };
         for leaf in &used {
+            let mesh = placed.binary_search_by_key(&leaf.leaf, |mesh| mesh.leaf).ok().map(|at| &placed[at]);
+            let around = |mesh: &PlacedMesh| {
+                mesh.positions
+                    .iter()
+                    .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+            };
             model.looks[leaf.leaf.0 as usize] = Some(Look {
                 colour: leaf.colour,
                 opacity: leaf.opacity,
                 is_sheet: leaf.kind == LeafKind::Sheet,
-                vertex_colours: leaf.vertex_colours
-                    && placed.iter().any(|m| m.leaf == leaf.leaf && m.colours.is_some()),
+                vertex_colours: mesh.is_some_and(|mesh| mesh.colours.is_some()),
+                closed_within: mesh.filter(|mesh| mesh.is_closed).map(around),
             });
             if let MeshShape::Solid(solid) = &leaf.shape {
                 model.solids.push(SolidLeaf::new(leaf, solid)?);
@@ -336,7 +345,7 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     const UNUSED: u32 = u32::MAX;
     let mut renumbered = vec![UNUSED; count];
     let mut kept = Vec::with_capacity(count);
-    let triangles = order
+    let triangles: Vec<[u32; 3]> = order
         .iter()
         .map(|&t| {
             mesh.triangles[t as usize].map(|v| {
@@ -352,7 +361,27 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     let positions = kept.iter().map(|&v| leaf.world_from_leaf.transform_point3(mesh.positions[v])).collect();
     let own = mesh.colours.as_ref().filter(|_| leaf.vertex_colours);
     let colours = own.map(|colours| kept.iter().map(|&v| colours[v]).collect());
-    Ok(PlacedMesh { leaf: leaf.leaf, positions, colours, triangles, groups })
+    let is_closed = is_closed(&triangles);
+    Ok(PlacedMesh { leaf: leaf.leaf, positions, colours, triangles, groups, is_closed })
+}
+
+/// Whether every edge is used as often one way as the other, so that every line crosses an even number of times. Each edge
+/// adds a number of its own, one way, or takes it away, the other: what is left of a closed mesh is nothing, and of an open
+/// one something, but for a chance of 1 in 2^64.
+fn is_closed(triangles: &[[u32; 3]]) -> bool {
+    let of_edge = |from: u32, to: u32| {
+        // Steele, Lea and Flood's splitmix64.
+        let edge = u64::from(from.min(to)) << 32 | u64::from(from.max(to));
+        let mut mixed = edge.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^= mixed >> 31;
+        if from < to { mixed } else { mixed.wrapping_neg() }
+    };
+    let add = |sum: u64, &[a, b, c]: &[u32; 3]| {
+        sum.wrapping_add(of_edge(a, b)).wrapping_add(of_edge(b, c)).wrapping_add(of_edge(c, a))
+    };
+    triangles.iter().fold(0, add) == 0
 }
 
 /// Orders triangles by halving the longest side of their centroids' box until at most [`MESHLET`] are left, and tells the

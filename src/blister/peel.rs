@@ -13,7 +13,7 @@
 //! *Practice.* Lanes are pixels. A boundary found is handed over by scalar code ([`Sink`]): there is mostly one a pixel.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, u32x8};
+use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
 use super::fragments::{ABSENT, Fragments, LANES};
 use super::survivors::Survivor;
@@ -27,7 +27,7 @@ const MOST_LAYERS: usize = 96;
 
 /// Blocks with more layers are put in order of their nearest fragments, so that a peel looks only at the layers that reach
 /// it. Below, the order costs more than it saves.
-const UNORDERED_LAYERS: usize = 6;
+const UNORDERED_LAYERS: usize = 12;
 
 /// Wider states are toggled slot by slot.
 pub(super) const MOST_WORDS: usize = 8;
@@ -57,11 +57,25 @@ pub(super) trait Sink {
     /// A boundary where one fragment alone toggles. Returns whether the pixel needs nothing behind this.
     fn take_one(&mut self, lane: usize, survivor: Survivor) -> bool;
 
+    /// As [`take_one`](Self::take_one) for several pixels of a [`Block::is_plain`] block, which then need nothing more.
+    fn take_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>);
+
     /// The body of a boundary whose owner goes against the result, given the state just inside it.
     fn body(&mut self, shrunk: &Shrunk, inside: &State) -> Option<u32>;
 
     /// Any other peel that may be a boundary. Returns whether the pixel needs nothing behind this.
     fn take(&mut self, shrunk: &Shrunk, peel: &Peel<'_>) -> bool;
+}
+
+/// Boundaries of eight pixels at which one fragment alone toggles.
+pub(super) struct FoundLanes<S: Simd> {
+    pub keys: f32x8<S>,
+    pub what: u32x8<S>,
+    /// Slots.
+    pub owners: u32x8<S>,
+    pub bodies: u32x8<S>,
+    /// All bits where the result is entered, else none.
+    pub is_front: u32x8<S>,
 }
 
 /// What of a slot's crossings a block needs to know.
@@ -89,6 +103,12 @@ pub(super) struct Block<'a> {
     pub wanted: u8,
     /// Whether any slot is a sheet.
     pub has_sheets: bool,
+    /// Whether any boundary is all that its pixel needs, wherever it is and whosesoever.
+    pub is_plain: bool,
+    /// Whether every ray begins outside of every slot, so that no parity is needed, and fragments may be missing.
+    pub is_partial: bool,
+    /// Only fragments with greater keys are peeled.
+    pub floor: f32,
 }
 
 /// One layer of a block.
@@ -109,6 +129,9 @@ struct GatheredLayer {
 pub(super) struct PeelScratch {
     counters: Counters,
     layers: Vec<GatheredLayer>,
+    /// For putting the layers in order.
+    order: Vec<u64>,
+    unordered: Vec<GatheredLayer>,
     /// Of one pixel: key, slot, what.
     sorted: Vec<(f32, u32, u32)>,
     members: Vec<Member>,
@@ -156,7 +179,7 @@ impl Block<'_> {
         let mut state = [none; WORDS];
         self.gather(simd, lanes, scratch);
         for (&keys, layer) in lanes.keys.iter().zip(&scratch.layers) {
-            if layer.is_closed {
+            if layer.is_closed && !self.is_partial {
                 let bit = u32x8::splat(simd, layer.bit);
                 state[layer.word % WORDS] = state[layer.word % WORDS] ^ keys.simd_gt(absent).select(bit, none);
             }
@@ -191,12 +214,12 @@ impl Block<'_> {
                 }
                 next = next.max(ahead.select(keys, absent));
             }
-            alive &= next.simd_gt(absent).to_bitmask() as u32;
+            alive &= next.simd_gt(self.floor).to_bitmask() as u32;
             if alive == 0 {
                 return;
             }
             let before = state;
-            // The number of the layer that each pixel's fragment is in, and whether there is another.
+            // The layer that each pixel's fragment is in, by its number plus one, and whether there is another.
             let (mut of_layer, mut several) = (none, none);
             for i in first..end {
                 let here = lanes.keys[i].simd_eq(next);
@@ -214,6 +237,13 @@ impl Block<'_> {
                 let of_layer: [u32; LANES] = of_layer.into();
                 let several = several.simd_ne(none).to_bitmask() as u32;
                 let mut rest = changed;
+                if self.is_plain && changed & !several != 0 {
+                    let lanes_of = changed & !several;
+                    let found = self.found(simd, lanes_of, next, &before, &state, is, first..end, lanes, scratch, sink);
+                    sink.take_lanes(simd, mask32x8::from_bitmask(simd, u64::from(lanes_of)), &found);
+                    alive &= !lanes_of;
+                    rest &= !lanes_of;
+                }
                 while rest != 0 {
                     let lane = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
@@ -257,6 +287,48 @@ impl Block<'_> {
         }
     }
 
+    /// The boundaries at which the fragments of `layers` with the keys `next` toggle alone, at the pixels `wanted`.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn found<S: Simd, const WORDS: usize>(
+        &self,
+        simd: S,
+        wanted: u32,
+        next: f32x8<S>,
+        before: &[u32x8<S>; WORDS],
+        after: &[u32x8<S>; WORDS],
+        is_front: u32x8<S>,
+        layers: std::ops::Range<usize>,
+        lanes: &LaneScratch<S>,
+        scratch: &PeelScratch,
+        sink: &mut impl Sink,
+    ) -> FoundLanes<S> {
+        let none = u32x8::splat(simd, 0);
+        let (mut what, mut owners, mut inside) = (none, none, none);
+        for i in layers {
+            let here = lanes.keys[i].simd_eq(next);
+            let layer = &scratch.layers[i];
+            what = here.select(u32x8::from_slice(simd, &self.fragments.what[layer.layer as usize]), what);
+            owners = here.select(u32x8::splat(simd, layer.slot), owners);
+            inside = here.select(after[layer.word % WORDS] & layer.bit, inside);
+        }
+        let goes_with_result = !(inside.simd_eq(0) ^ is_front.simd_eq(0));
+        let mut against = !(goes_with_result.to_bitmask() as u32) & wanted;
+        let mut bodies = owners;
+        if against != 0 {
+            let (entered, owner): ([u32; LANES], [u32; LANES]) = (is_front.into(), owners.into());
+            let mut found = owner;
+            while against != 0 {
+                let lane = against.trailing_zeros() as usize;
+                against &= against - 1;
+                let inside = self.of_lane(lane, if entered[lane] != 0 { after } else { before });
+                found[lane] = sink.body(self.shrunk, &inside[..self.shrunk.words()]).unwrap_or(owner[lane]);
+            }
+            bodies = u32x8::from_slice(simd, &found);
+        }
+        FoundLanes { keys: next, what, owners, bodies, is_front }
+    }
+
     /// One pixel's state.
     #[inline(always)]
     fn of_lane<S: Simd, const WORDS: usize>(&self, lane: usize, state: &[u32x8<S>; WORDS]) -> [u32; WORDS] {
@@ -288,7 +360,18 @@ impl Block<'_> {
                 let keys = f32x8::from_slice(simd, &self.fragments.keys[gathered.layer as usize]);
                 gathered.nearest = keys.reduce_max();
             }
-            scratch.layers.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.layer.cmp(&b.layer)));
+            scratch.order.clear();
+            for (i, gathered) in scratch.layers.iter().enumerate() {
+                // As integers in the same order; the greatest key first.
+                let bits = gathered.nearest.to_bits();
+                let ordered = bits ^ (((bits as i32 >> 31) as u32 >> 1) | 1 << 31);
+                scratch.order.push(u64::from(!ordered) << 32 | i as u64);
+            }
+            scratch.order.sort_unstable();
+            scratch.unordered.clone_from(&scratch.layers);
+            for (place, number) in scratch.layers.iter_mut().zip(&scratch.order) {
+                *place = scratch.unordered[*number as u32 as usize];
+            }
         }
         lanes.keys.clear();
         for gathered in &scratch.layers {
@@ -328,7 +411,8 @@ impl Block<'_> {
         counters.reset(self.shrunk);
         before.clear();
         before.resize(self.shrunk.words(), 0);
-        let beginning = sorted.iter().filter(|(_, slot, _)| self.kinds[*slot as usize] == SlotKind::Closed);
+        let by_parity = |slot: u32| !self.is_partial && self.kinds[slot as usize] == SlotKind::Closed;
+        let beginning = sorted.iter().filter(|(_, slot, _)| by_parity(*slot));
         let endless = self.begins_inside.iter().filter(|(_, pixels)| pixels >> lane & 1 == 1);
         for slot in beginning.map(|(_, slot, _)| *slot).chain(endless.map(|(slot, _)| *slot)) {
             counters.toggle(self.shrunk, slot as usize);
@@ -336,7 +420,7 @@ impl Block<'_> {
         }
         after.clone_from(before);
         let mut was = counters.value(self.shrunk);
-        for peel in sorted.chunk_by(|a, b| a.0 == b.0) {
+        for peel in sorted.chunk_by(|a, b| a.0 == b.0).take_while(|peel| peel[0].0 > self.floor) {
             let mut has_sheet = false;
             for &(_, slot, _) in peel {
                 if self.kinds[slot as usize] == SlotKind::Sheet {

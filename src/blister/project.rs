@@ -121,6 +121,14 @@ impl View {
         Affine { x: gradient.x, y: gradient.y, c: constant - gradient.dot(self.middle) }
     }
 
+    /// Whether no ray begins in a box in world space.
+    pub fn begins_outside(&self, low: DVec3, high: DVec3) -> bool {
+        let eye = self.camera.eye;
+        let holds_eye = low.cmple(eye).all() && eye.cmple(high).all();
+        let is_in_front = || corners(low, high).into_iter().all(|p| self.camera.view_from_world(p).z > 0.0);
+        (self.is_perspective && !holds_eye) || is_in_front()
+    }
+
     /// The range of keys of a box in world space; half open to the front where it reaches behind the eye.
     pub fn key_range(&self, low: DVec3, high: DVec3) -> (f32, f32) {
         let (mut near, mut far) = (f64::INFINITY, f64::NEG_INFINITY);

@@ -236,6 +236,9 @@ pub(super) fn triangle<S: Simd>(
             across = (across.0.max(left.max(0) / width), across.1.min(right.min(last) >> BLOCK_WIDTH.trailing_zeros()));
         }
         for block_x in across.0..=across.1 {
+            if fragments.is_settled(block_x as u32, block_y as u32) {
+                continue;
+            }
             let column = block_x * width;
             let e0 = lanes[0] + edges[0].at(column, row);
             let e1 = lanes[1] + edges[1].at(column, row);

@@ -3,9 +3,12 @@
 //! *Practice.* Peels come pixel by pixel in any order; rows of pixels are handed over in order. Between the two a boundary is a
 //! [`Survivor`] of twenty bytes: what is looked up and computed for it is left to [`write`](super::write), row by row.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
+
 use super::fragments::{BLOCK_WIDTH, LANES};
 use super::model::Look;
-use super::peel::{Peel, Sink};
+use super::peel::{FoundLanes, Peel, Sink};
 use super::solids::SolidHit;
 use super::ties::{Judge, State, is_inside};
 use crate::csg::{LeafId, Shrunk};
@@ -34,11 +37,29 @@ pub(super) struct SlotLook {
     pub stops: bool,
 }
 
-/// The survivors of a block and of the rows that its pixels lie in.
+/// Pixels of a block's row.
+const HALF: usize = BLOCK_WIDTH as usize;
+
+/// Eight survivors, one a pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Eight {
+    keys: [f32; LANES],
+    what: [u32; LANES],
+    owners: [u32; LANES],
+    /// Body and facing, as [`packed`].
+    bodies: [u32; LANES],
+}
+
+/// A body's slot and the highest bit set where the result is entered.
+fn packed(body: u32, is_front: bool) -> u32 {
+    body | (u32::from(is_front) << 31)
+}
+
+/// The survivors of a block, and of the rows that its pixels lie in.
 #[derive(Debug, Default)]
 pub(super) struct Survivors {
     /// Each pixel's first.
-    first: [Survivor; LANES],
+    first: Eight,
     /// Which pixels have one.
     has: u8,
     /// The others, front to back for each pixel.
@@ -46,31 +67,114 @@ pub(super) struct Survivors {
     pub rows: [Row; LANES / BLOCK_WIDTH as usize],
 }
 
-/// A row of pixels.
+/// A row of pixels: in their order, front to back for each.
 #[derive(Debug, Default)]
 pub(super) struct Row {
-    /// In the order of pixels, front to back for each.
-    pub survivors: Vec<Survivor>,
+    keys: Vec<f32>,
+    what: Vec<u32>,
+    owners: Vec<u32>,
+    bodies: Vec<u32>,
+    /// Of the pixel, from the row's first.
+    columns: Vec<u32>,
     /// By pixel: how many are its.
     pub counts: Vec<u32>,
+}
+
+impl Row {
+    /// Its survivors.
+    pub fn len(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// A survivor and the column of its pixel.
+    #[inline(always)]
+    pub fn survivor(&self, number: usize) -> (u32, Survivor) {
+        let body = self.bodies[number];
+        let survivor = Survivor {
+            key: self.keys[number],
+            what: self.what[number],
+            owner: self.owners[number],
+            body: body & (u32::MAX >> 1),
+            is_front: body >> 31 == 1,
+        };
+        (self.columns[number], survivor)
+    }
+
+    /// Appends one survivor of the pixel that is counted next.
+    fn push(&mut self, survivor: &Survivor) {
+        self.columns.push(self.counts.len() as u32);
+        self.keys.push(survivor.key);
+        self.what.push(survivor.what);
+        self.owners.push(survivor.owner);
+        self.bodies.push(packed(survivor.body, survivor.is_front));
+    }
+
+    /// Appends a row of a block, of which every pixel has one survivor.
+    #[inline(always)]
+    fn extend(&mut self, from: &Eight, row: usize) {
+        // Arrays, whose length the compiler knows: four words are one store.
+        fn half<T: Copy>(of: &[T; LANES], row: usize) -> [T; HALF] {
+            std::array::from_fn(|i| of[row * HALF + i])
+        }
+        let first = self.counts.len() as u32;
+        self.columns.extend_from_slice(&[first, first + 1, first + 2, first + 3]);
+        self.keys.extend_from_slice(&half(&from.keys, row));
+        self.what.extend_from_slice(&half(&from.what, row));
+        self.owners.extend_from_slice(&half(&from.owners, row));
+        self.bodies.extend_from_slice(&half(&from.bodies, row));
+        self.counts.extend_from_slice(&[1; HALF]);
+    }
+}
+
+impl Eight {
+    fn get(&self, lane: usize) -> Survivor {
+        let body = self.bodies[lane];
+        Survivor {
+            key: self.keys[lane],
+            what: self.what[lane],
+            owner: self.owners[lane],
+            body: body & (u32::MAX >> 1),
+            is_front: body >> 31 == 1,
+        }
+    }
 }
 
 impl Survivors {
     /// Ends a block: appends the `wanted` pixels to their rows.
     #[inline(always)]
     pub fn end_block(&mut self, wanted: u8) {
-        for (row, lanes) in self.rows.iter_mut().zip([0..BLOCK_WIDTH as usize, BLOCK_WIDTH as usize..LANES]) {
-            for lane in lanes.filter(|lane| wanted >> lane & 1 == 1) {
-                let before = row.survivors.len();
+        for (number, row) in self.rows.iter_mut().enumerate() {
+            let here = ((1_u8 << HALF) - 1) << (number * HALF);
+            if self.has & wanted & here == here && self.more.is_empty() {
+                row.extend(&self.first, number);
+                continue;
+            }
+            for lane in (number * HALF..(number + 1) * HALF).filter(|lane| wanted >> lane & 1 == 1) {
+                let before = row.keys.len();
                 if self.has >> lane & 1 == 1 {
-                    row.survivors.push(self.first[lane]);
-                    if !self.more.is_empty() {
-                        row.survivors.extend(self.more.iter().filter(|(of, _)| *of == lane).map(|(_, more)| *more));
-                    }
+                    row.push(&self.first.get(lane));
+                    self.more.iter().filter(|(of, _)| *of == lane).for_each(|(_, more)| row.push(more));
                 }
-                row.counts.push((row.survivors.len() - before) as u32);
+                row.counts.push((row.keys.len() - before) as u32);
             }
         }
+        self.forget_block();
+    }
+
+    /// Drops what was found of a block; returns its first survivors where all `wanted` pixels have one.
+    pub fn take_block(&mut self, wanted: u8) -> Option<Eight> {
+        let is_complete = self.has & wanted == wanted;
+        self.forget_block();
+        is_complete.then_some(self.first)
+    }
+
+    /// Puts back what [`take_block`](Self::take_block) returned.
+    pub fn put_block(&mut self, first: &Eight) {
+        self.first = *first;
+        self.has = u8::MAX;
+    }
+
+    fn forget_block(&mut self) {
         self.has = 0;
         self.more.clear();
     }
@@ -78,7 +182,11 @@ impl Survivors {
     /// Ends a row of blocks.
     pub fn clear_rows(&mut self) {
         for row in &mut self.rows {
-            row.survivors.clear();
+            row.keys.clear();
+            row.what.clear();
+            row.owners.clear();
+            row.bodies.clear();
+            row.columns.clear();
             row.counts.clear();
         }
     }
@@ -87,7 +195,10 @@ impl Survivors {
     fn put(&mut self, lane: usize, survivor: Survivor) {
         if self.has >> lane & 1 == 0 {
             self.has |= 1 << lane;
-            self.first[lane] = survivor;
+            self.first.keys[lane] = survivor.key;
+            self.first.what[lane] = survivor.what;
+            self.first.owners[lane] = survivor.owner;
+            self.first.bodies[lane] = packed(survivor.body, survivor.is_front);
         } else {
             self.more.push((lane, survivor));
         }
@@ -112,6 +223,17 @@ impl Sink for Chooser<'_> {
         }
         self.out.put(lane, survivor);
         look.stops
+    }
+
+    #[inline(always)]
+    fn take_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>) {
+        let first = &mut self.out.first;
+        self.out.has |= lanes.to_bitmask() as u8;
+        first.keys = lanes.select(found.keys, f32x8::from_slice(simd, &first.keys)).into();
+        first.what = lanes.select(found.what, u32x8::from_slice(simd, &first.what)).into();
+        first.owners = lanes.select(found.owners, u32x8::from_slice(simd, &first.owners)).into();
+        let bodies = found.bodies | (found.is_front & (1 << 31));
+        first.bodies = lanes.select(bodies, u32x8::from_slice(simd, &first.bodies)).into();
     }
 
     fn body(&mut self, shrunk: &Shrunk, inside: &State) -> Option<u32> {

@@ -28,16 +28,15 @@ impl Writer<'_> {
         let first = dir_at(x0);
         let step = (dir_at(x0 + 1) - first).as_vec3();
         let first = first.as_vec3();
-        let mut survivors = row.survivors.iter();
         let mut end = tile.boundaries.len() as u32;
-        for (column, count) in row.counts.iter().enumerate() {
+        tile.offsets.extend(row.counts.iter().map(|count| {
             end += count;
-            tile.offsets.push(end);
-            let dir = first + step * column as f32;
-            for survivor in survivors.by_ref().take(*count as usize) {
-                tile.boundaries.push(self.boundary(survivor, dir, x0 + column as u32, y));
-            }
-        }
+            end
+        }));
+        tile.boundaries.extend((0..row.len()).map(|number| {
+            let (column, survivor) = row.survivor(number);
+            self.boundary(&survivor, first + step * column as f32, x0 + column, y)
+        }));
     }
 
     #[inline(always)]
@@ -51,7 +50,7 @@ impl Writer<'_> {
         };
         // Outward from the result: against the ray where it is entered, along it where it is left.
         let is_along = normal.dot(dir) > 0.0;
-        let normal = if is_along == survivor.is_front { -normal } else { normal };
+        let normal = normal * if is_along == survivor.is_front { -1.0 } else { 1.0 };
         let colour = if look.vertex_colours && !is_solid {
             self.mixed_colour(survivor.what, DVec2::new(f64::from(x), f64::from(y)), f64::from(depth), look)
         } else {
