@@ -151,7 +151,7 @@ fn bin(
     let mut pixels = Span { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
     let mut nearest = f32::NEG_INFINITY;
     for (i, triangle) in triangles.iter().enumerate() {
-        let [a, b, c] = triangle.vertices.map(|v| vertices[v as usize]);
+        let [a, b, c] = triangle.map(|v| vertices[v as usize]);
         let low: Snapped = std::array::from_fn(|k| a[k].min(b[k]).min(c[k]));
         let high: Snapped = std::array::from_fn(|k| a[k].max(b[k]).max(c[k]));
         let places = a[3] | b[3] | c[3];

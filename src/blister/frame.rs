@@ -12,7 +12,7 @@ use glam::DVec2;
 use super::beyond;
 use super::bins::{Bins, Entry};
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
-use super::model::{Look, MeshModel, Triangle};
+use super::model::{Look, MeshModel, Surface};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
 use super::planes::NO_PLANE;
 use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
@@ -43,7 +43,7 @@ pub struct MeshFrame<'a> {
     /// Over positions in pixels.
     planes: Vec<Key>,
     /// Buffers of the tiles drawn so far, for those to come.
-    spare: Mutex<Vec<Box<Scratch>>>,
+    spare: Mutex<Vec<Scratch>>,
 }
 
 /// Buffers that are kept from tile to tile.
@@ -471,8 +471,7 @@ impl Pass<'_> {
         while rest != 0 {
             let number = first + rest.trailing_zeros();
             rest &= rest - 1;
-            let triangle = &model.triangles[number as usize];
-            let corners = triangle.vertices.map(|v| &vertices[v as usize]);
+            let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
             if corners[0][3] | corners[1][3] | corners[2][3] == place::FINE {
                 batch.push(number, corners);
             } else {
@@ -493,7 +492,7 @@ impl Pass<'_> {
             while large != 0 {
                 let number = batch.numbers[large.trailing_zeros() as usize];
                 large &= large - 1;
-                let corners = model.triangles[number as usize].vertices.map(|v| &vertices[v as usize]);
+                let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
                 let key = || self.key(number, planes);
                 raster::triangle(simd, offsets, &self.grid, corners, key, slot, number, fragments);
             }
@@ -504,28 +503,28 @@ impl Pass<'_> {
     /// The key over a triangle's plane, its own or a shared one.
     #[inline(always)]
     fn key(&self, number: u32, planes: &[Key]) -> Key {
-        let triangle = &self.frame.model.triangles[number as usize];
-        if triangle.plane != NO_PLANE {
-            return planes[triangle.plane as usize];
+        let surface = &self.frame.model.surfaces[number as usize];
+        if surface.plane != NO_PLANE {
+            return planes[surface.plane as usize];
         }
-        let [a, b, c] = triangle.vertices.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
-        held(self.own_key(triangle), a.min(b).min(c), a.max(b).max(c))
+        let triangle = self.frame.model.triangles[number as usize];
+        let [a, b, c] = triangle.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
+        held(self.own_key(surface), a.min(b).min(c), a.max(b).max(c))
     }
 
     #[inline(always)]
-    fn own_key(&self, triangle: &Triangle) -> Affine {
-        self.frame.view.key_over(triangle.normal.as_dvec3(), triangle.offset).counted_from(self.offset)
+    fn own_key(&self, surface: &Surface) -> Affine {
+        self.frame.view.key_over(surface.normal.as_dvec3(), surface.offset).counted_from(self.offset)
     }
 
     /// Draws a triangle that is not on the grid.
     #[inline(never)]
     fn beyond<S: Simd>(&self, simd: S, number: u32, slot: u32, planes: &[Key], fragments: &mut Fragments) {
         let (model, view) = (self.frame.model, &self.frame.view);
-        let triangle = &model.triangles[number as usize];
-        let over =
-            if triangle.plane == NO_PLANE { self.own_key(triangle) } else { planes[triangle.plane as usize].over };
+        let (triangle, surface) = (model.triangles[number as usize], &model.surfaces[number as usize]);
+        let over = if surface.plane == NO_PLANE { self.own_key(surface) } else { planes[surface.plane as usize].over };
         let corner = |i: usize| {
-            let vertex = triangle.vertices[i];
+            let vertex = triangle[i];
             let p_in_view = view.camera.view_from_world(model.position(vertex));
             beyond::Corner { vertex, snapped: &self.frame.vertices[vertex as usize], p_in_view }
         };

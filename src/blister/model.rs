@@ -101,11 +101,10 @@ pub(super) struct Meshlet {
     pub leaf: LeafId,
 }
 
-/// A triangle in world space: all that drawing it needs beside its corners on the picture.
+/// A triangle's plane in world space.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Triangle {
-    pub vertices: [u32; 3],
-    /// Its plane among the model's, or [`NO_PLANE`] where no other leaf shares it.
+pub(super) struct Surface {
+    /// Among the model's planes, or [`NO_PLANE`] where no other leaf shares it.
     pub plane: u32,
     /// Unit normal; zero where the triangle has no area.
     pub normal: Vec3,
@@ -136,7 +135,10 @@ pub struct MeshModel {
     pub(super) positions: [Vec<f64>; 3],
     /// By vertex, sRGB; empty where no leaf has any.
     pub(super) vertex_colours: Vec<[u8; 3]>,
-    pub(super) triangles: Vec<Triangle>,
+    /// By triangle: its corners. Apart from the rest, since more triangles are looked at than drawn.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// By triangle.
+    pub(super) surfaces: Vec<Surface>,
     pub(super) planes: Vec<Plane>,
     pub(super) meshlets: Vec<Meshlet>,
     pub(super) solids: Vec<SolidLeaf>,
@@ -188,6 +190,7 @@ impl MeshModel {
             positions: std::array::from_fn(|_| Vec::with_capacity(vertices)),
             vertex_colours: Vec::new(),
             triangles: Vec::with_capacity(triangles),
+            surfaces: Vec::with_capacity(triangles),
             planes: Vec::new(),
             meshlets: Vec::new(),
             solids: Vec::new(),
@@ -239,12 +242,8 @@ impl MeshModel {
         for triangle in mesh.triangles {
             let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
             let normal = (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
-            self.triangles.push(Triangle {
-                vertices: triangle.map(|v| v + base),
-                plane: NO_PLANE,
-                normal,
-                offset: normal.as_dvec3().dot(a),
-            });
+            self.triangles.push(triangle.map(|v| v + base));
+            self.surfaces.push(Surface { plane: NO_PLANE, normal, offset: normal.as_dvec3().dot(a) });
         }
     }
 
@@ -252,7 +251,7 @@ impl MeshModel {
         let mut uses = Vec::with_capacity(self.triangles.len());
         for meshlet in &self.meshlets {
             for triangle in meshlet.first..meshlet.first + meshlet.count {
-                let corners = self.triangles[triangle as usize].vertices.map(|v| self.position(v));
+                let corners = self.triangles[triangle as usize].map(|v| self.position(v));
                 uses.push(PlaneUse::of_triangle(meshlet.leaf, corners));
             }
         }
@@ -274,8 +273,8 @@ impl MeshModel {
             }
         }
         self.planes = planes;
-        for (triangle, plane) in self.triangles.iter_mut().zip(plane_of) {
-            triangle.plane = plane;
+        for (surface, plane) in self.surfaces.iter_mut().zip(plane_of) {
+            surface.plane = plane;
         }
     }
 

@@ -181,7 +181,7 @@ impl Block<'_> {
         for (&keys, layer) in lanes.keys.iter().zip(&scratch.layers) {
             if layer.is_closed && !self.is_partial {
                 let bit = u32x8::splat(simd, layer.bit);
-                state[layer.word % WORDS] = state[layer.word % WORDS] ^ keys.simd_gt(absent).select(bit, none);
+                state[layer.word % WORDS] ^= keys.simd_gt(absent).select(bit, none);
             }
         }
         for &(slot, pixels) in self.begins_inside {
@@ -190,7 +190,7 @@ impl Block<'_> {
             for (lane, inside) in inside.iter_mut().enumerate() {
                 *inside = if pixels >> lane & 1 == 1 { bit } else { 0 };
             }
-            state[word] = state[word] | u32x8::from_slice(simd, &inside);
+            state[word] |= u32x8::from_slice(simd, &inside);
         }
         let mut was = self.shrunk.eval_lanes(simd, &state, &mut lanes.nodes);
         let mut last = f32x8::splat(simd, f32::INFINITY);
@@ -201,7 +201,8 @@ impl Block<'_> {
         loop {
             let mut next = absent;
             let mut end = lanes.keys.len();
-            for i in first..lanes.keys.len() {
+            let begin = first;
+            for i in begin..lanes.keys.len() {
                 // No fragment of this layer, nor of those after it, is as near as what every pixel has found.
                 if is_ordered && next.simd_gt(scratch.layers[i].nearest).to_bitmask() as u32 & alive == alive {
                     end = i;
@@ -225,8 +226,8 @@ impl Block<'_> {
                 let here = lanes.keys[i].simd_eq(next);
                 let bit = u32x8::splat(simd, scratch.layers[i].bit);
                 let word = scratch.layers[i].word % WORDS;
-                state[word] = state[word] ^ here.select(bit, none);
-                several = several | here.select(of_layer, none);
+                state[word] ^= here.select(bit, none);
+                several |= here.select(of_layer, none);
                 of_layer = here.select(u32x8::splat(simd, i as u32 + 1), of_layer);
             }
             let is = self.shrunk.eval_lanes(simd, &state, &mut lanes.nodes);

@@ -84,10 +84,10 @@ impl Batch {
             let e = dx * (py - y) - dy * (px - x) - bias;
             let (right, down) = (zero - (dy << 8), dx << 8);
             // A sample is covered where no edge function is negative: where none has its highest bit.
-            e00 = e00 | e;
-            e10 = e10 | (e + right);
-            e01 = e01 | (e + down);
-            e11 = e11 | (e + right + down);
+            e00 |= e;
+            e10 |= e + right;
+            e01 |= e + down;
+            e11 |= e + right + down;
         }
         let small = holds & !large & area.simd_ne(0).to_bitmask() as u32;
         let has_right = x1.simd_gt(x0).to_bitmask() as u32 & small;

@@ -346,7 +346,7 @@ fn vertex_colours_are_mixed_as_the_judge_mixes_them() {
 fn unusable_leaves_are_refused_by_number() {
     let good = leaf(0, mesh(block([1, 1, 1])), DAffine3::IDENTITY);
     let new = |leaves: &[MeshLeaf], text| MeshModel::new(leaves, &tree(text)).map(|_| ());
-    assert_eq!(new(&[good.clone()], "a - b"), Err(MeshModelError::Missing(LeafId(1))));
+    assert_eq!(new(std::slice::from_ref(&good), "a - b"), Err(MeshModelError::Missing(LeafId(1))));
     assert_eq!(new(&[good.clone(), good.clone()], "a"), Err(MeshModelError::Twice(LeafId(0))));
     let flat = MeshLeaf { world_from_leaf: DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0)), ..good.clone() };
     assert_eq!(new(&[flat], "a"), Err(MeshModelError::Transform(LeafId(0))));

@@ -46,7 +46,7 @@ impl Writer<'_> {
         let normal = if *is_solid {
             self.hits[survivor.what as usize].normal
         } else {
-            self.model.triangles[survivor.what as usize].normal
+            self.model.surfaces[survivor.what as usize].normal
         };
         // Outward from the result: against the ray where it is entered, along it where it is left.
         let is_along = normal.dot(dir) > 0.0;
@@ -70,7 +70,7 @@ impl Writer<'_> {
 
     /// The vertex colours of a triangle, mixed linearly at the point of the pixel at `px`.
     fn mixed_colour(&self, triangle: u32, px: DVec2, depth: f64, look: &Look) -> [f32; 3] {
-        let numbers = self.model.triangles[triangle as usize].vertices;
+        let numbers = self.model.triangles[triangle as usize];
         let [a, b, c] = numbers.map(|v| self.model.position(v));
         let p = self.view.camera.ray(px + self.offset).at(depth);
         let normal = (b - a).cross(c - a);

@@ -94,7 +94,7 @@ impl<'a> Shader<'a> {
 
     /// The centre of a pixel, counted from the picture's middle.
     #[inline(always)]
-    fn from_middle(&self, x: u32, y: u32) -> [f32; 2] {
+    fn centre_of(&self, x: u32, y: u32) -> [f32; 2] {
         let along = |at: u32, side: u32| at as f32 + 0.5 - 0.5 * side as f32;
         [along(x, self.camera.width), along(y, self.camera.height)]
     }
@@ -259,7 +259,7 @@ fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32;
             covered += 1;
             let index = row * tile.rect.width() as usize + column;
             if first.samples & all == all && first.opacity >= 1.0 {
-                batch.push(index, shader.from_middle(x, y), first);
+                batch.push(index, shader.centre_of(x, y), first);
                 if batch.len == LANES {
                     shader.light(&mut batch, &mut pixels);
                 }

@@ -230,7 +230,8 @@ fn in_lanes(shrunk: &Shrunk, state: &[u32]) -> bool {
 
 /// Holds everything that can be made of `flat` where only the leaves of `present` may be in against the truth, in a walk
 /// that toggles one leaf at a time through all assignments.
-fn check_shrunk(flat: &Flat, shrunk: &mut Shrunk, present: &[LeafId], truth: &dyn Fn(&dyn Fn(LeafId) -> bool) -> bool) {
+fn check_shrunk(flat: &Flat, shrunk: &mut Shrunk, present: &[LeafId], tree: &Tree) {
+    let truth = |inside: &dyn Fn(LeafId) -> bool| tree.eval(inside);
     let kept = shrunk.keep(flat, present);
     let all = 1_u32 << present.len();
     let gray = |i: u32| i ^ (i >> 1);
@@ -273,7 +274,7 @@ fn flat_forms_are_the_tree_for_any_leaves_present_and_any_order_of_toggles() {
             let flat = tree.positive().flat();
             for chosen in 0..1_u32 << leaf_count {
                 let present: Vec<_> = (0..leaf_count).filter(|i| chosen >> i & 1 == 1).map(LeafId).collect();
-                check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+                check_shrunk(&flat, &mut shrunk, &present, &tree);
             }
         }
     }
@@ -305,9 +306,9 @@ fn flat_forms_of_repeated_leaves_and_of_many_words_are_the_tree() {
         let flat = tree.positive().flat();
         let mut present = tree.leaves();
         assert_eq!(flat.leaves(), present);
-        check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+        check_shrunk(&flat, &mut shrunk, &present, &tree);
         present.retain(|_| random.below(2) == 0);
-        check_shrunk(&flat, &mut shrunk, &present, &|inside| tree.eval(inside));
+        check_shrunk(&flat, &mut shrunk, &present, &tree);
     }
     // More than a word of slots, of which two matter at a time.
     let mut builder = TreeBuilder::default();
