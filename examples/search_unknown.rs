@@ -16,27 +16,34 @@ fn main() -> anyhow::Result<()> {
         [count] => (0, count),
         [first, end, ..] => (first, end),
     };
-    let mut found: Vec<Found> = Vec::new();
+    // A thousandth of the picture: what flat disks and edges leave is below it.
+    const SHOWS: f64 = 1e-3;
+    let (mut found, mut empty): (Vec<Found>, Vec<Found>) = Default::default();
     for seed in first..end {
         match judge(seed) {
-            Ok(judged) => found.extend(judged),
+            Ok(judged) if judged.is_empty => empty.push(judged),
+            Ok(judged) => found.push(judged),
             Err(error) => eprintln!("seed {seed}: {error}"),
         }
     }
-    let share = |count: usize| 100.0 * count as f64 / found.len().max(1) as f64;
-    // A thousandth of the picture: what flat disks and edges leave is below it.
-    const SHOWS: f64 = 1e-3;
-    let count = |shows: &dyn Fn(&Found) -> bool| found.iter().filter(|f| shows(f)).count();
-    println!("{} scenes; {} are empty", found.len(), (end - first) as usize - found.len());
-    let lost = count(&|f| f.lost() > SHOWS);
-    let won = count(&|f| -f.lost() > SHOWS);
-    let ours = count(&|f| f.ours > SHOWS);
+    let count = |of: &[Found], shows: &dyn Fn(&Found) -> bool| of.iter().filter(|f| shows(f)).count();
+    let share = |count: usize| short(100.0 * count as f64 / found.len().max(1) as f64);
+    let lost = count(&found, &|f| f.lost() > SHOWS);
+    let won = count(&found, &|f| -f.lost() > SHOWS);
+    let ours = count(&found, &|f| f.ours > SHOWS);
+    println!("{} scenes; the result of {} is empty", found.len() + empty.len(), empty.len());
     println!(
-        "the paper's rule is worse in {lost} ({} %), better in {won} ({} %)",
-        short(share(lost)),
-        short(share(won))
+        "of the {} others the paper's rule is worse in {lost} ({} %), better in {won} ({} %);",
+        found.len(),
+        share(lost),
+        share(won)
     );
-    println!("the defaults are wrong in {ours} ({} %)", short(share(ours)));
+    println!("the defaults are wrong in {ours} ({} %)", share(ours));
+    let [paper, resolved, ours] = [|f: &Found| f.paper, |f: &Found| f.resolved, |f: &Found| f.ours]
+        .map(|wrong| count(&empty, &|f| wrong(f) > 0.0));
+    println!(
+        "of the empty ones the paper's rule draws something in {paper}, the resolved rule in {resolved}, the defaults in {ours}"
+    );
     let table = |title: &str, key: &dyn Fn(&Found) -> f64| {
         const LINES: usize = 10;
         let mut sorted = found.clone();
