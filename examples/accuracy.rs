@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! cargo run --release --example accuracy                  # the accuracy suite and its chart
+//! cargo run --release --example accuracy -- large         # holes at 1024²
 //! cargo run --release --example accuracy -- unknown       # the scenes about unknown leaves
 //! cargo run --release --example accuracy -- sweeps        # the stability sweeps, every inside test and clip mode
 //! cargo run --release --example accuracy -- suite torus   # only cases whose name contains `torus`
@@ -27,6 +28,9 @@ use surfcut::splat::{Clip, Inside, SplatSettings};
 /// How the suite is run: three timed frames a picture.
 const SUITE: SuiteOptions = SuiteOptions { repeats: 3, size: None };
 
+/// How holes are looked for in pictures that are finer than what scans are sampled for.
+const LARGE: SuiteOptions = SuiteOptions { repeats: 0, size: Some((1024, 1024)) };
+
 /// How the sweeps are run.
 const SWEEPS: SuiteOptions = SuiteOptions { repeats: 0, size: Some((256, 256)) };
 
@@ -48,6 +52,12 @@ fn main() -> anyhow::Result<()> {
             }
             write(&folder.join("accuracy_rows.json"), serde_json::to_string_pretty(&table)?.as_bytes())
         }
+        "large" => {
+            let unzoomed = |case: Case| Case { zooms: vec![1.0], ..case };
+            let cases: Vec<Case> = accuracy_cases().into_iter().filter(chosen).map(unzoomed).collect();
+            print!("{}", measured(&cases, &[setting("surface curved", SplatSettings::default())], LARGE).markdown());
+            Ok(())
+        }
         "unknown" => {
             let cases: Vec<Case> = unknown_cases().into_iter().chain(WORST.map(random_case)).filter(chosen).collect();
             print!("{}", measured(&cases, &two_settings(), SUITE).markdown());
@@ -67,7 +77,7 @@ fn main() -> anyhow::Result<()> {
             }
             Ok(())
         }
-        other => anyhow::bail!("`{other}` is none of suite, unknown, sweeps"),
+        other => anyhow::bail!("`{other}` is none of suite, large, unknown, sweeps"),
     }
 }
 
