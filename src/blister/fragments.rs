@@ -38,6 +38,9 @@ pub(super) const END: u32 = u32::MAX;
 /// neighbour, so the layer that a fragment fits in is one of the last; further back a look costs more than it saves.
 const LOOK_BACK: u32 = 4;
 
+/// [`LayerHead::taken`] of a layer without a free place.
+const ALL_TAKEN: u32 = (1 << LANES) - 1;
+
 /// What all fragments of a layer share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LayerHead {
@@ -96,7 +99,9 @@ impl Fragments {
         let bits = mask.to_bitmask() as u32;
         let newest = self.newest[block as usize];
         let mut at = newest;
-        for _ in 0..LOOK_BACK {
+        // All eight fit in no layer that has one.
+        let look_back = if bits == ALL_TAKEN { 0 } else { LOOK_BACK };
+        for _ in 0..look_back {
             let Some(head) = self.heads.get_mut(at as usize) else { break };
             if head.slot == slot && head.taken & bits == 0 {
                 head.taken |= bits;

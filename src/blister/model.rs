@@ -294,6 +294,16 @@ impl MeshModel {
         self.looks[leaf.0 as usize].as_ref().expect("every leaf of the expression has a look")
     }
 
+    /// The solid leaves whose mesh is open: their inside is where a ray has an odd number of crossings ahead, which differs
+    /// from ray to ray where some pass the hole.
+    pub fn open_leaves(&self) -> impl Iterator<Item = LeafId> + '_ {
+        let leaves = self.flat.leaves().iter().copied();
+        leaves.filter(|&leaf| {
+            let look = self.look(leaf);
+            look.closed_within.is_none() && !look.is_sheet && self.solid_of(leaf).is_none()
+        })
+    }
+
     /// How many triangles are drawn.
     pub fn triangle_count(&self) -> usize {
         self.triangles.len()

@@ -343,6 +343,18 @@ fn vertex_colours_are_mixed_as_the_judge_mixes_them() {
 }
 
 #[test]
+fn an_open_mesh_is_named_and_still_drawn_as_the_judge_draws_it() {
+    let mut open = block([2, 2, 2]);
+    open.triangles.truncate(open.triangles.len() - 8);
+    let leaves = [leaf(0, mesh(open), DAffine3::IDENTITY), leaf(1, mesh(ball_mesh(2)), at(0.7, 0.7, 0.7))];
+    let model = MeshModel::new(&leaves, &tree("a - b")).unwrap();
+    assert_eq!(model.open_leaves().collect::<Vec<_>>(), [LeafId(0)]);
+    for expression in ["a", "a - b", "b - a"] {
+        assert!(check(&leaves, expression, &cameras()[0]) > 300, "{expression}");
+    }
+}
+
+#[test]
 fn unusable_leaves_are_refused_by_number() {
     let good = leaf(0, mesh(block([1, 1, 1])), DAffine3::IDENTITY);
     let new = |leaves: &[MeshLeaf], text| MeshModel::new(leaves, &tree(text)).map(|_| ());

@@ -48,6 +48,14 @@ pub fn engine(
             let model = report.phase("convert", || pipeline::mesh_model(loaded))?;
             report.count("triangles", model.triangle_count() as u64);
             report.count("shared_planes", model.shared_plane_count() as u64);
+            for leaf in model.open_leaves() {
+                let name = &loaded.scene.leaves[leaf.0 as usize].name;
+                report.warnings.push(format!(
+                    "the mesh of leaf `{name}` is open: a ray is inside of it where it has crossed it an odd number of \
+                     times, counted from behind, so what lies in line with a hole is drawn wrong; close it, or give the \
+                     leaf `kind = \"sheet\"`"
+                ));
+            }
             Ok(Box::new(MeshEngine { model, frame }))
         }
         Pipeline::Splat => {

@@ -39,7 +39,9 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
     let frame = frame_args(&args.view, &loaded, wants_layers);
     describe(args, &camera, frame, &loaded, &mut report);
+    let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
+    report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background };
     let drawing = Drawing { engine: &*engine, look, wants_layers, session };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;
