@@ -349,3 +349,49 @@ fn completions_and_help_are_there() {
     }
     assert!(stdout(&surfcut(here, "render --help")).contains("half-space:"));
 }
+
+#[test]
+fn the_mesh_pipeline_draws_solids_and_refuses_points_by_name() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let output = surfcut(here, "compare cut.toml --pipeline mesh --summary-file run.json --size 96x96");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("run.json")).unwrap()).unwrap();
+    let of = |name: &str| json["comparison"][name].as_f64().unwrap();
+    assert_eq!((of("wrong_pixels"), of("near_edge_wrong"), of("layers_wrong")), (0.0, 0.0, 0.0));
+
+    fs::write(here.join("scan.xyz"), "0 0 0\n1 0 0\n0 1 0\n0 0 1\n").unwrap();
+    let output = surfcut(here, "render scan.xyz --pipeline mesh -o a.png");
+    assert_eq!(code(&output), 3);
+    assert!(stderr(&output).contains("`scan` is a cloud of points"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("--pipeline splat"));
+}
+
+#[test]
+fn a_tree_in_json_is_a_scene() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    let stl = "solid s\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0\nendloop\nendfacet\n\
+               facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\nendfacet\n\
+               facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendloop\nendfacet\n\
+               facet normal 0 0 0\nouter loop\nvertex 1 0 0\nvertex 0 1 0\nvertex 0 0 1\nendloop\nendfacet\nendsolid s\n";
+    fs::write(here.join("tetra.stl"), stl).unwrap();
+    let leaf = |x: f64| format!(r#"{{"mesh": "tetra.stl", "transform": [1,0,0,{x}, 0,1,0,0, 0,0,1,0, 0,0,0,1]}}"#);
+    let tree = format!(r#"{{"op": "difference", "children": [{}, {}]}}"#, leaf(0.0), leaf(0.3));
+    fs::write(here.join("two.tree.json"), tree).unwrap();
+    let camera = r#"{"eye": [2,3,2], "target": [0.3,0.3,0.3], "up": [0,0,1], "fovy": 30, "width": 64, "height": 64}"#;
+    fs::write(here.join("two.camera.json"), camera).unwrap();
+    let output = surfcut(here, "render two.tree.json --pipeline mesh --summary-file run.json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(entries(here), ["run.json", "tetra.stl", "two.camera.json", "two.png", "two.tree.json"]);
+    assert_eq!(image::open(here.join("two.png")).unwrap().to_rgb8().dimensions(), (64, 64));
+    let output = surfcut(here, "compare two.tree.json --pipeline mesh --summary-file both.json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("both.json")).unwrap()).unwrap();
+    assert_eq!(json["comparison"]["wrong_pixels"], 0.0);
+
+    fs::write(here.join("bad.tree.json"), "{\"op\": \"xor\", \"children\": []}").unwrap();
+    let output = surfcut(here, "render bad.tree.json");
+    assert_eq!(code(&output), 3);
+    assert!(stderr(&output).contains("bad.tree.json") && stderr(&output).contains("line 1"), "{}", stderr(&output));
+}

@@ -53,3 +53,22 @@ fn threads_do_not_change_a_byte() {
         }
     }
 }
+
+#[test]
+fn threads_do_not_change_a_byte_of_meshes() {
+    let directory = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/mesh_minus_mesh.toml");
+    let picture = |threads: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_surfcut"))
+            .current_dir(directory.path())
+            .args(["render", scene.to_str().unwrap(), "--pipeline", "mesh", "--size", "200x200", "--samples", "4"])
+            .args(["--threads", threads, "--quiet", "-o", "-"])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    let one = picture("1");
+    assert!(one.len() > 10_000, "the picture shows something");
+    assert!(one == picture("2"), "two threads draw another picture than one");
+}
