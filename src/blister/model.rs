@@ -129,7 +129,7 @@ pub(super) struct SolidLeaf {
 #[derive(Debug, Clone)]
 pub struct MeshModel {
     pub(super) flat: Flat,
-    /// By leaf index; `None` where the expression does not name the leaf.
+    /// By leaf index; `None` where there is no such leaf.
     pub(super) looks: Vec<Option<Look>>,
     /// World space; x, y and z apart, for vectors of them.
     pub(super) positions: [Vec<f64>; 3],
@@ -156,23 +156,24 @@ struct PlacedMesh {
 }
 
 impl MeshModel {
-    /// The scene of `tree` over `leaves`; leaves that the expression does not name are left out.
+    /// The scene of `tree` over `leaves`. Leaves that the expression does not name are not drawn; they still share planes, so
+    /// that every expression over the same leaves has the same depths.
     ///
     /// # Errors
     /// [`MeshModelError`] names the leaf.
     pub fn new(leaves: &[MeshLeaf], tree: &Tree) -> Result<Self, MeshModelError> {
         let flat = tree.positive().flat();
-        let mut used: Vec<&MeshLeaf> = Vec::with_capacity(leaves.len());
-        used.extend(leaves.iter().filter(|leaf| flat.leaves().binary_search(&leaf.leaf).is_ok()));
-        used.sort_by_key(|leaf| leaf.leaf);
-        if let Some(pair) = used.windows(2).find(|pair| pair[0].leaf == pair[1].leaf) {
+        let mut given: Vec<&MeshLeaf> = leaves.iter().collect();
+        given.sort_by_key(|leaf| leaf.leaf);
+        if let Some(pair) = given.windows(2).find(|pair| pair[0].leaf == pair[1].leaf) {
             return Err(MeshModelError::Twice(pair[0].leaf));
         }
-        if let Some(missing) = flat.leaves().iter().find(|id| used.binary_search_by_key(*id, |leaf| leaf.leaf).is_err())
+        if let Some(missing) =
+            flat.leaves().iter().find(|id| given.binary_search_by_key(*id, |leaf| leaf.leaf).is_err())
         {
             return Err(MeshModelError::Missing(*missing));
         }
-        let placed: Vec<PlacedMesh> = used
+        let placed: Vec<PlacedMesh> = given
             .par_iter()
             .filter_map(|leaf| match &leaf.shape {
                 MeshShape::Mesh(mesh) => Some(place(leaf, mesh)),
@@ -185,7 +186,7 @@ impl MeshModel {
             return Err(MeshModelError::TooMany);
         }
         let mut model = Self {
-            looks: vec![None; flat.leaves().last().map_or(0, |last| last.0 as usize + 1)],
+            looks: vec![None; given.last().map_or(0, |last| last.leaf.0 as usize + 1)],
             flat,
             positions: std::array::from_fn(|_| Vec::with_capacity(vertices)),
             vertex_colours: Vec::new(),
@@ -195,7 +196,7 @@ impl MeshModel {
             meshlets: Vec::new(),
             solids: Vec::new(),
         };
-        for leaf in &used {
+        for leaf in &given {
             let mesh = placed.binary_search_by_key(&leaf.leaf, |mesh| mesh.leaf).ok().map(|at| &placed[at]);
             let around = |mesh: &PlacedMesh| {
                 mesh.positions
@@ -226,6 +227,9 @@ impl MeshModel {
             model.append(mesh);
         }
         model.share_planes();
+        let is_used = |leaf: LeafId| model.flat.leaves().binary_search(&leaf).is_ok();
+        model.meshlets.retain(|meshlet| is_used(meshlet.leaf));
+        model.solids.retain(|solid| is_used(solid.leaf));
         Ok(model)
     }
 

@@ -1,4 +1,4 @@
-//! The laws of Boolean algebra on pictures: two expressions that are equal by a law must be drawn alike.
+//! The laws of Boolean algebra on pictures: two expressions that are equal by a law must be drawn alike, bit for bit.
 //!
 //! Random trees over random closed meshes, some of which share faces exactly, are slivers, or are seen edge on. Nothing is
 //! compared with a stored picture: the law is the truth. Who owns a boundary depends on the expression's value alone, so the
@@ -13,7 +13,7 @@ use super::rng::Rng;
 use crate::blister::{MeshFrame, MeshLeaf, MeshModel, MeshModelError, MeshShape};
 use crate::csg::{LeafId, Tree};
 use crate::geometry::TriMesh;
-use crate::layers::{Boundary, LayerLimit, LayerStack};
+use crate::layers::{LayerLimit, LayerStack};
 use crate::scene::LeafKind;
 use crate::space::{Camera, CameraError, Lens};
 
@@ -60,7 +60,7 @@ pub fn broken_laws(seed: u64, side: u32) -> Result<Vec<Broken>, AlgebraError> {
         let pixels = match other {
             Some(other) => {
                 let other = draw(&other)?;
-                let differ = |i: &u32| !same(one.at(i % side, i / side), other.at(i % side, i / side));
+                let differ = |i: &u32| one.at(i % side, i / side) != other.at(i % side, i / side);
                 (0..side * side).filter(differ).count()
             }
             None => (0..side * side).filter(|i| !one.at(i % side, i / side).is_empty()).count(),
@@ -70,15 +70,6 @@ pub fn broken_laws(seed: u64, side: u32) -> Result<Vec<Broken>, AlgebraError> {
         }
     }
     Ok(broken)
-}
-
-/// Whether two lists of boundaries are the same, bit for bit but for the last bits of depth: a face that only one side's
-/// leaves share takes the depth of the shared plane there.
-fn same(one: &[Boundary], other: &[Boundary]) -> bool {
-    const DEPTH_TOLERANCE: f32 = 2e-6;
-    let close = |a: f32, b: f32| (a - b).abs() <= DEPTH_TOLERANCE * b;
-    one.len() == other.len()
-        && one.iter().zip(other).all(|(a, b)| close(a.depth, b.depth) && Boundary { depth: b.depth, ..*a } == *b)
 }
 
 /// Each law with its two sides; `None` is nothing at all.
