@@ -82,11 +82,6 @@ impl LeafField {
         self.tree.touching(&self.cloud, centre_in_world, radius, found);
     }
 
-    /// How far `p_in_world` is from the nearest ball of `share` times its surfel's radius; negative within one.
-    pub fn clearance(&self, p_in_world: DVec3, share: f32) -> f32 {
-        self.tree.clearance(&self.cloud, p_in_world, share)
-    }
-
     /// Whether the leaf can decide anything about others' surfels by its own (a solid that is not exact).
     pub fn lends_surfels(&self) -> bool {
         self.exact.is_none() && self.kind == LeafKind::Solid
@@ -106,7 +101,35 @@ impl LeafField {
         if self.tree.touches(&self.cloud, centre_in_world, radius) {
             return Membership::Near;
         }
-        side(self.far_inside(centre_in_world))
+        self.unreached_ball(centre_in_world, radius)
+    }
+
+    /// How a ball that no support reaches lies to this leaf: `Near` where its side may change within it, as it does beside a
+    /// hole of a scan or beyond the border of an open one.
+    fn unreached_ball(&self, centre_in_world: DVec3, radius: f64) -> Membership {
+        let far = self.far_side(centre_in_world);
+        let holds = match self.winding {
+            Some(_) => radius < self.steady_distance(&far, centre_in_world),
+            None => match self.nearest(centre_in_world) {
+                // Beyond its disk the nearest surfel's plane decides.
+                Some((nearest, _)) => {
+                    let e = centre_in_world - self.cloud.centre(nearest as usize);
+                    e.dot(self.cloud.surfels[nearest as usize].normal.as_dvec3()).abs() > radius
+                }
+                None => true,
+            },
+        };
+        if holds { side(far.inside) } else { Membership::Near }
+    }
+
+    /// How far around the point that was asked about `far` holds, world units.
+    pub fn steady_distance(&self, far: &FarSide, p_in_world: DVec3) -> f64 {
+        // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
+        const COVERED_SHARE: f32 = 0.8;
+        if !(far.steady_share > 0.0) {
+            return 0.0;
+        }
+        far.steady_share * f64::from(self.tree.clearance(&self.cloud, p_in_world, COVERED_SHARE)).max(0.0)
     }
 
     /// How the ball of one surfel lies to this leaf: tighter than [`ball`](Self::ball), which said `Near`.
@@ -117,7 +140,7 @@ impl LeafField {
         }
         self.tree.touching(&self.cloud, centre_in_world, f64::from(radius), found);
         let Some(&(nearest, _)) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))) else {
-            return side(self.far_inside(centre_in_world));
+            return self.unreached_ball(centre_in_world, f64::from(radius));
         };
         let height = |t: u32| {
             let e = (centre_in_world - self.cloud.centre(t as usize)).as_vec3();
@@ -148,7 +171,11 @@ impl LeafField {
         for &(t, _) in found.iter() {
             let surfel = &self.cloud.surfels[t as usize];
             let e = (p_in_world - self.cloud.centre(t as usize)).as_vec3();
-            let v = (1.0 - e.length_squared() / (surfel.radius * surfel.radius)).max(0.0);
+            let support = match &self.cloud.supports {
+                Some(supports) => e.dot(supports[t as usize].mul(e)),
+                None => e.length_squared() / (surfel.radius * surfel.radius),
+            };
+            let v = (1.0 - support).max(0.0);
             let w = (v * v) * (v * v);
             weights += w;
             values += w * (e.dot(surfel.normal) + 0.5 * e.dot(surfel.curvature.mul(e)));
