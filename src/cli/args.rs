@@ -148,8 +148,10 @@ impl FromArgMatches for Operands {
 /// What draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Pipeline {
-    /// Surfels, fast
+    /// `mesh` where every leaf is a closed mesh or a solid and no flag of the surfels is given, else `splat`
     #[default]
+    Auto,
+    /// Surfels, for points; meshes and solids are asked exactly
     Splat,
     /// Meshes triangle by triangle and solids exactly; cannot draw points
     Mesh,
@@ -199,6 +201,11 @@ impl DensityArgs {
 }
 
 impl PipelineArgs {
+    /// Whether a flag asks for surfels that are drawn or placed in a way of their own.
+    pub fn asks_for_surfels(&self) -> bool {
+        self.splat_settings() != SplatSettings::default() || self.density.density() != Density::default()
+    }
+
     /// The splat pipeline's settings.
     pub fn splat_settings(&self) -> SplatSettings {
         SplatSettings { clip: self.clip, inside: self.inside, unknown: self.unknown, partners: self.partners }

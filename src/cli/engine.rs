@@ -42,27 +42,46 @@ pub fn engine(
     bars: Bars,
     report: &mut Report,
 ) -> anyhow::Result<Box<dyn Engine>> {
+    let surfels = |loaded: &mut LoadedScene, report: &mut Report| -> anyhow::Result<Box<dyn Engine>> {
+        let mut scene = SplatScene::new(loaded, args.density.density(), camera, bars, report)?;
+        Ok(scene.engine(args.splat_settings(), frame, report))
+    };
     match args.pipeline {
         Pipeline::Reference => reference(loaded, frame),
+        Pipeline::Splat => surfels(loaded, report),
         Pipeline::Mesh => {
             let model = report.phase("convert", || pipeline::mesh_model(loaded))?;
-            report.count("triangles", model.triangle_count() as u64);
-            report.count("shared_planes", model.shared_plane_count() as u64);
-            for leaf in model.open_leaves() {
-                let name = &loaded.scene.leaves[leaf.0 as usize].name;
-                report.warnings.push(format!(
-                    "the mesh of leaf `{name}` is open: a ray is inside of it where it has crossed it an odd number of \
-                     times, counted from behind, so what lies in line with a hole is drawn wrong; close it, or give the \
-                     leaf `kind = \"sheet\"`"
-                ));
-            }
-            Ok(Box::new(MeshEngine { model, frame }))
+            Ok(mesh(model, loaded, frame, report))
         }
-        Pipeline::Splat => {
-            let mut scene = SplatScene::new(loaded, args.density.density(), camera, bars, report)?;
-            Ok(scene.engine(args.splat_settings(), frame, report))
+        Pipeline::Auto => {
+            let points = loaded.geometry.iter().any(|geometry| matches!(geometry, LeafGeometry::Cloud(_)));
+            if points || args.asks_for_surfels() {
+                return surfels(loaded, report);
+            }
+            let model = report.phase("convert", || pipeline::mesh_model(loaded));
+            // Surfels ask an open mesh for its winding number, which goes wrong only near the hole.
+            let closed = model.ok().filter(|model| model.open_leaves().next().is_none());
+            match closed {
+                Some(model) => Ok(mesh(model, loaded, frame, report)),
+                None => surfels(loaded, report),
+            }
         }
     }
+}
+
+/// The mesh pipeline over `model`.
+fn mesh(model: MeshModel, loaded: &LoadedScene, frame: FrameArgs, report: &mut Report) -> Box<dyn Engine> {
+    report.count("triangles", model.triangle_count() as u64);
+    report.count("shared_planes", model.shared_plane_count() as u64);
+    for leaf in model.open_leaves() {
+        let name = &loaded.scene.leaves[leaf.0 as usize].name;
+        report.warnings.push(format!(
+            "the mesh of leaf `{name}` is open: a ray is inside of it where it has crossed it an odd number of times, \
+             counted from behind, so what lies in line with a hole is drawn wrong; close it, or give the leaf `kind = \
+             \"sheet\"`"
+        ));
+    }
+    Box::new(MeshEngine { model, frame })
 }
 
 /// The judge. Ask for it before a [`SplatScene`] takes the clouds out of `loaded`.
