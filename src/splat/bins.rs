@@ -194,7 +194,11 @@ fn bin_chunk(
         for ty in y0..=y1 {
             for tx in x0..=x1 {
                 let member = Member { leaf, index: index as u32 };
-                entries.push((2 * (ty * across + tx) + far, member, (sight.centre.z - f64::from(radius)) as f32));
+                entries.push((
+                    2 * (ty * across + tx) + far,
+                    member,
+                    ((sight.centre.z - f64::from(radius)) as f32).next_down(),
+                ));
             }
         }
     }

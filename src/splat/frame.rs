@@ -201,6 +201,16 @@ impl<'a> Frame<'a> {
         }
     }
 
+    /// Whether the surfaces of the block at `corner` of the tile go on smoothly from pixel to pixel.
+    fn is_smooth(&self, rect: PixelRect, anchor: f64, corner: (u32, u32), hits: &BlockHits) -> bool {
+        let Some(first) = hits.hits.first() else { return true };
+        let half = 0.5 * f64::from(BLOCK);
+        let middle = DVec2::new(f64::from(rect.x0 + corner.0) + half, f64::from(rect.y0 + corner.1) + half);
+        let towards = self.view.camera.rotate_to_view(self.view.camera.ray(middle).dir).as_vec3().normalize_or_zero();
+        let footprint = self.view.camera.footprint(anchor + f64::from(first.t)) as f32;
+        hits.is_smooth(BLOCK as usize, towards, footprint)
+    }
+
     /// Where in a tile a surfel may show, and its nearest depth.
     fn blocker(&self, rect: PixelRect, anchor: f64, m: Member) -> Option<(Bounds, f32)> {
         let cloud = &self.model.fields[m.leaf as usize].cloud;
@@ -487,10 +497,11 @@ impl LayerSource for Frame<'_> {
         let mut crossed = BlockSet::new(rect, false);
         tracer.trace(&everywhere, DVec2::splat(0.5), |block, seen| {
             let corner = everywhere.corner(block);
+            let one_surface = |hits: &BlockHits| hits.is_uniform() && self.is_smooth(rect, anchor, corner, hits);
             match seen {
-                Seen::Settled(settled) if self.samples == 1 || settled.is_block_uniform(corner) => {}
+                Seen::Settled(settled) if self.samples == 1 || one_surface(&settled.block_hits(corner)) => {}
                 Seen::Traced { hits, may_be_crossed }
-                    if self.samples == 1 || (!may_be_crossed && hits.is_uniform()) =>
+                    if self.samples == 1 || (!may_be_crossed && one_surface(hits)) =>
                 {
                     blocks[block] = Some(traced(block, hits))
                 }

@@ -62,6 +62,24 @@ impl BlockHits {
         &self.hits[start..self.ends[pixel] as usize]
     }
 
+    /// Whether neighbouring pixels of a block `across` pixels wide see their surfaces turn and recede no more than one smooth
+    /// surface does. `towards` is the unit direction of the block's rays, view axes; `footprint` that of its pixels.
+    pub fn is_smooth(&self, across: usize, towards: Vec3, footprint: f32) -> bool {
+        const LEAST_COSINE: f32 = 0.94; // of a turn of 20 degrees, between neighbours
+        const MOST_STEP: f32 = 2.0; // times what the slope explains
+        const LEAST_SLANT: f32 = 0.02; // below, the slope explains any step
+        let joined = |a: &Hit, b: &Hit| {
+            let slant = a.normal.dot(towards).abs().min(b.normal.dot(towards).abs()).max(LEAST_SLANT);
+            a.normal.dot(b.normal) > LEAST_COSINE && (a.t - b.t).abs() <= MOST_STEP * footprint / slant
+        };
+        let count = self.ends.len();
+        let pairs = (0..count).flat_map(|p| {
+            let right = ((p + 1) % across != 0).then_some((p, p + 1));
+            right.into_iter().chain((p + across < count).then_some((p, p + across)))
+        });
+        pairs.into_iter().all(|(p, q)| self.of(p).iter().zip(self.of(q)).all(|(a, b)| joined(a, b)))
+    }
+
     /// Whether all pixels see the same surfaces, so that one sample stands for all.
     pub fn is_uniform(&self) -> bool {
         let first = self.of(0);

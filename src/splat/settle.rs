@@ -16,23 +16,20 @@
 //!
 //! # Practice
 //! A pixel is *settled* only if nothing else could show there: every surfel that is not scattered blocks its own pixels
-//! from its nearest depth on. Pixels that are not settled are traced ray by ray as if this module did not exist, so it
+//! from its nearest depth on, and a surface is scattered as far as rays would find it, so that the thin rim of a nearer one
+//! takes its pixels from what lies behind and then, weighing too little, leaves them to the rays. Pixels that are not settled are traced ray by ray as if this module did not exist, so it
 //! decides no edge and no silhouette. On a leaf that is exact the sums only say where to look for its surface. Sums are in surfel order, so the bits do not depend on threads.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x8, u32x8};
 use glam::{DVec2, Vec3};
 
-use super::hits::Hit;
+use super::hits::{BlockHits, Hit};
 use super::project::{Bounds, Sight, View};
 use super::rows::LANES;
 use crate::layers::Facing;
 use crate::space::{PixelRect, Projection};
 use crate::surfel::{Surfel, Sym3};
-
-/// A surfel is scattered this far, in radii: radii are 1.25 times what covers ([`crate::surfel`]), and what lies beyond
-/// only smooths.
-const SCATTERED_RADII: f32 = 0.8;
 
 /// A cosine between ray and normal below which the expansion is not trusted.
 const LEAST_COSINE: f32 = 0.1;
@@ -126,20 +123,21 @@ impl Patch {
             2.0 * g[0] * g[1] * per_z - per_q * along_x.dot(bend_y),
             g[1] * g[1] * per_z - 0.5 * per_q * along_y.dot(bend_y),
         ];
-        let shrunk = 1.0 / (SCATTERED_RADII * SCATTERED_RADII);
         let s = match support {
             None => {
-                let per_r2 = shrunk / (surfel.radius * surfel.radius);
+                let per_r2 = 1.0 / (surfel.radius * surfel.radius);
                 [along_x.length_squared(), along_x.dot(along_y), along_y.length_squared()].map(|v| v * per_r2)
             }
             Some(q) => {
                 let (qx, qy) = (q.mul(along_x), q.mul(along_y));
-                [along_x.dot(qx), along_x.dot(qy), along_y.dot(qy)].map(|v| v * shrunk)
+                [along_x.dot(qx), along_x.dot(qy), along_y.dot(qy)]
             }
         };
         let determinant = s[0] * s[2] - s[1] * s[1];
         let half_height = (s[0] / determinant).sqrt();
-        if !half_height.is_finite() {
+        if !(half_height.is_finite()
+            && g.into_iter().chain(h).chain((bend_x + bend_y + n).to_array()).all(f32::is_finite))
+        {
             return None;
         }
         Some(Self {
@@ -370,7 +368,9 @@ impl Settled {
                 let from = self.blocked_from[y * self.stride + x];
                 let owner = self.owners[self.owner[y * self.stride + x] as usize];
                 if owner.exact && t < from {
-                    let within = self.plane(Plane::Upper as usize, place) - self.plane(Plane::Lower as usize, place);
+                    // Within the depths of its candidates, so that it is the surface that their classes speak of.
+                    let depths = self.plane(Plane::Upper as usize, place) - self.plane(Plane::Lower as usize, place);
+                    let within = 0.5 * depths;
                     let Some((exact_t, normal)) = crossing(&owner, (x as u32, y as u32), t, within) else { continue };
                     t = exact_t;
                     let weight = self.plane(Plane::Weight as usize, place);
@@ -403,15 +403,15 @@ impl Settled {
         rows.into_iter().all(|y| self.lanes(corner.0, y) & live == live)
     }
 
-    /// Whether the pixels of a settled block show one surface.
-    pub fn is_block_uniform(&self, corner: (u32, u32)) -> bool {
-        let owner = |x: u32, y: u32| {
-            let owner = self.owners[self.owner[y as usize * self.stride + x as usize] as usize];
-            (owner.leaf, owner.body)
-        };
-        let end = |start: u32, most: u32| (start + LANES as u32).min(most);
-        let mut rows = corner.1..end(corner.1, self.height);
-        rows.all(|y| (corner.0..end(corner.0, self.width)).all(|x| owner(x, y) == owner(corner.0, corner.1)))
+    /// What the pixels of a settled block show; those outside of the tile nothing.
+    pub fn block_hits(&self, corner: (u32, u32)) -> BlockHits {
+        let mut hits = BlockHits::default();
+        let side = LANES as u32;
+        for (x, y) in (0..side * side).map(|p| (corner.0 + p % side, corner.1 + p / side)) {
+            let inside = x < self.width && y < self.height;
+            hits.push(inside.then(|| self.shown(x, y)).as_slice());
+        }
+        hits
     }
 
     /// What the settled pixel at column `x`, row `y` shows.

@@ -124,12 +124,10 @@ impl SideCache {
             return side.inside;
         }
         let side = field.far_side(p_in_world);
-        if !(side.steady_share > 0.0) {
+        let clearance = field.steady_distance(&side, p_in_world);
+        if !(clearance > 0.0) {
             return side.inside;
         }
-        // Radii are at least 1.25 times the distance from a surfel to the farthest place that it has to cover.
-        const COVERED_SHARE: f32 = 0.8;
-        let clearance = side.steady_share * f64::from(field.clearance(p_in_world, COVERED_SHARE)).max(0.0);
         let answer = Side { p_in_world, clearance_squared: clearance * clearance, inside: side.inside };
         let oldest = &mut self.oldest[leaf.0 as usize];
         match answers.get_mut(*oldest) {
@@ -320,9 +318,17 @@ fn resolve<S: Simd>(
         return;
     }
     let mut points = [DVec3::ZERO; LANES];
-    if any_edge {
+    // An exact surface may turn away from its samples (a step, a crease) and be met outside of the ball of the nearest one,
+    // whose class then says nothing about the hit.
+    let mut strayed = 0_u64;
+    if any_edge || field.exact.is_some() {
         for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
             points[lane] = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
+            let surfel = &tile.surfels[best[lane] as usize];
+            let distance = points[lane].distance(field.cloud.centre(surfel.index as usize));
+            if field.exact.is_some() && distance > f64::from(surfel.radius) {
+                strayed |= 1 << lane;
+            }
         }
     }
     // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
@@ -338,11 +344,21 @@ fn resolve<S: Simd>(
             None => {}
             Some(Drawn::Surface(crossing)) => {
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                    if strayed >> lane & 1 == 1 {
+                        crossings[lane] = crossing_of_tree(tile, run.leaf, points[lane], &mut scratch.found);
+                        continue;
+                    }
                     let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
                         let p = ray_of(tile, at, lane).at(tile.anchor + f64::from(t[lane]));
                         tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
                     });
                     crossings[lane] = Some((crossing, body));
+                }
+            }
+            Some(Drawn::Edge(_)) if mask & strayed != 0 => {
+                // Rare enough to ask the whole tree for the others too.
+                for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                    crossings[lane] = crossing_of_tree(tile, run.leaf, points[lane], &mut scratch.found);
                 }
             }
             Some(Drawn::Edge(number)) => {
@@ -414,6 +430,24 @@ fn resolve<S: Simd>(
     if nearest_only {
         *hidden_from = hidden_from.min(seen);
     }
+}
+
+/// How the result changes where `own` is crossed at `p_in_world`, by the whole expression, and whose material lies behind.
+fn crossing_of_tree(
+    tile: &Tile<'_>,
+    own: LeafId,
+    p_in_world: DVec3,
+    found: &mut Vec<(u32, f32)>,
+) -> Option<(Crossing, u32)> {
+    let model = tile.model;
+    let mut holds = |leaf: LeafId| model.fields[leaf.0 as usize].contains(p_in_world, found);
+    let mut with_own = |inside_own: bool| model.tree.eval(|leaf| if leaf == own { inside_own } else { holds(leaf) });
+    let crossing = Crossing::between(with_own(false), with_own(true))?;
+    let body = match crossing {
+        Crossing::Rises => None,
+        Crossing::Falls => model.positive_leaves().iter().copied().find(|&leaf| leaf != own && holds(leaf)),
+    };
+    Some((crossing, body.unwrap_or(own).0))
 }
 
 /// An opacity that is a weighted mean, held to 0 to 1, and opaque where only rounding keeps it from being so.
