@@ -14,13 +14,13 @@
 //! *Changes from the paper.* The paper draws every leaf again for every layer, because a GPU of 2004 keeps one depth a
 //! pixel. Here every triangle is drawn once, into lists of fragments; peels come from the lists. The parity of a leaf at a
 //! depth is the running toggle of the leaf's fragments peeled so far. A layer is a boundary where the expression before
-//! a peel differs from the expression after it (DESIGN §3.8), so back faces are layers too and coincident faces toggle
+//! a peel differs from the expression after it, so back faces are layers too and coincident faces toggle
 //! together. There is no superset R: a tile that lacks a leaf knows that the leaf is a constant there.
 //!
-//! *Practice.* [`model`] holds the scene in world space, [`planes`] the planes that leaves share; [`project`] snaps
-//! vertices to the picture, [`bins`] sorts what is visible by tile; [`raster`] and [`small`] draw the ordinary triangles, [`beyond`]
-//! those that pass the eye, [`solids`] the analytic leaves; [`fragments`] is where all three put what they find, and
-//! [`peel`] finds boundaries in it, with the rules of [`ties`]; [`survivors`] puts them in order and [`write`] fills them in.
+//! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `project` snaps
+//! vertices to the picture, `bins` sorts what is visible by tile; `raster` and `small` draw the ordinary triangles, `beyond`
+//! those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they find, and
+//! `peel` finds boundaries in it, with the rules of `ties`; `survivors` puts them in order and `write` fills them in.
 //! [`frame`] is the [`LayerSource`](crate::layers::LayerSource).
 
 mod beyond;

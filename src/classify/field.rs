@@ -98,7 +98,8 @@ impl LeafField {
                 false => Membership::Near,
             };
         }
-        if self.tree.touches(&self.cloud, centre_in_world, radius) {
+        // With a winding number the next step asks for a larger clearance than this one.
+        if self.winding.is_none() && self.tree.touches(&self.cloud, centre_in_world, radius) {
             return Membership::Near;
         }
         self.unreached_ball(centre_in_world, radius)
@@ -107,9 +108,16 @@ impl LeafField {
     /// How a ball that no support reaches lies to this leaf: `Near` where its side may change within it, as it does beside a
     /// hole of a scan or beyond the border of an open one.
     fn unreached_ball(&self, centre_in_world: DVec3, radius: f64) -> Membership {
+        // A side that is steady up to a share of the distance to the surface holds in the ball where the surface is as much
+        // farther away than the ball reaches. The largest share there is tells most balls without a winding number.
+        let is_clear = |share: f64| share > 0.0 && !self.tree.touches(&self.cloud, centre_in_world, radius / share);
+        let most = steady_share(0.0);
+        if self.winding.is_some() && !is_clear(most) {
+            return Membership::Near;
+        }
         let far = self.far_side(centre_in_world);
         let holds = match self.winding {
-            Some(_) => radius < self.steady_distance(&far, centre_in_world),
+            Some(_) => far.steady_share >= most || is_clear(far.steady_share),
             None => match self.nearest(centre_in_world) {
                 // Beyond its disk the nearest surfel's plane decides.
                 Some((nearest, _)) => {

@@ -306,8 +306,8 @@ impl Settled {
         };
         add(planes, Plane::Weight as usize, w);
         add(planes, Plane::Depth as usize, takes.select(w * t, zero));
-        for k in 0..3 {
-            add(planes, Plane::Normal as usize + k, w * (dx * p.n[1][k] + n_row[k]));
+        for (k, of_row) in n_row.into_iter().enumerate() {
+            add(planes, Plane::Normal as usize + k, w * (dx * p.n[1][k] + of_row));
             add(planes, Plane::Colour as usize + k, w * p.colour[k]);
         }
         let of_pixel = &mut self.owner[y * stride + x..][..LANES];
