@@ -4,7 +4,7 @@
 //! [`BLOCK_WIDTH`] by [`BLOCK_HEIGHT`], are peeled at once, so their fragments are kept side by side: a *layer* holds for
 //! every pixel of the block at most one fragment of one leaf.
 //!
-//! *Changes from the paper.* DESIGN §3.8's prototype appended single fragments to a linear buffer and sorted them by pixel.
+//! *Changes from the paper.* The usual way on a CPU is to append single fragments to a linear buffer and to sort them by pixel.
 //! Here nothing is sorted by pixel: a triangle that covers the block writes its eight fragments with two stores, and small
 //! neighbouring triangles of a leaf fill the free places of one layer. A layer is not a surface: which of a leaf's
 //! fragments share one does not matter, since each has its own key.

@@ -1,7 +1,7 @@
 //! Who owns a boundary, and whose material lies behind it.
 //!
 //! *Theory.* Blister §4.3 gives a boundary where several faces coincide to an *active* leaf, one whose membership matters
-//! there. DESIGN §3.8 makes that a rule that no order of leaves changes: of the leaves that toggle, those whose toggle alone
+//! there. Here that is a rule that no order of leaves changes: of the leaves that toggle, those whose toggle alone
 //! changes the expression before, or whose staying would change it after; of them first one that goes the result's way
 //! (positive before complemented), then the least index. The reference renderer obeys the same rule in code of its own.
 //!
