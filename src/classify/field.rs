@@ -140,15 +140,30 @@ impl LeafField {
         far.steady_share * f64::from(self.tree.clearance(&self.cloud, p_in_world, COVERED_SHARE)).max(0.0)
     }
 
-    /// How the ball of one surfel lies to this leaf: tighter than [`ball`](Self::ball), which said `Near`.
-    /// `found` is scratch.
-    pub fn surfel_ball(&self, centre_in_world: DVec3, radius: f32, found: &mut Vec<(u32, f32)>) -> Membership {
+    /// How the ball of one surfel lies to this leaf: tighter than [`ball`](Self::ball), which said `Near`. `scratch` may
+    /// hold what neighbours of the surfel were told.
+    pub fn surfel_ball(&self, centre_in_world: DVec3, radius: f32, scratch: &mut BallScratch) -> Membership {
         if self.exact.is_some() || self.kind == LeafKind::Sheet {
             return self.ball(centre_in_world, f64::from(radius));
         }
+        if let Some((p, distance, membership)) = scratch.steady
+            && centre_in_world.distance(p) + f64::from(radius) < distance
+        {
+            return membership;
+        }
+        let found = &mut scratch.found;
         self.tree.touching(&self.cloud, centre_in_world, f64::from(radius), found);
         let Some(&(nearest, _)) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))) else {
-            return self.unreached_ball(centre_in_world, f64::from(radius));
+            if self.winding.is_none() {
+                return self.unreached_ball(centre_in_world, f64::from(radius));
+            }
+            let far = self.far_side(centre_in_world);
+            let distance = self.steady_distance(&far, centre_in_world);
+            if !(f64::from(radius) < distance) {
+                return Membership::Near;
+            }
+            scratch.steady = Some((centre_in_world, distance, side(far.inside)));
+            return side(far.inside);
         };
         let height = |t: u32| {
             let e = (centre_in_world - self.cloud.centre(t as usize)).as_vec3();
@@ -215,6 +230,14 @@ impl LeafField {
             steady_share: 0.0,
         }
     }
+}
+
+/// Reused between the surfels of a chunk, which lie near each other.
+#[derive(Debug, Default)]
+pub struct BallScratch {
+    found: Vec<(u32, f32)>,
+    /// A point that no surfel of the leaf reaches, and how far around it which side holds.
+    steady: Option<(DVec3, f64, Membership)>,
 }
 
 /// The side of a point that no surfel reaches.

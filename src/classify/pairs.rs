@@ -12,7 +12,7 @@
 
 use rayon::prelude::*;
 
-use super::field::LeafField;
+use super::field::{BallScratch, LeafField};
 use crate::csg::residual::Membership;
 use crate::surfel::{CHUNK, Chunk};
 
@@ -130,9 +130,9 @@ fn descend(a: &LeafField, b: &LeafField, nodes: &Nodes, node: usize) -> Span {
     if node >= nodes.leaves {
         let first = run.start * CHUNK;
         let last = (first + CHUNK).min(a.cloud.len());
-        let mut found = Vec::new();
+        let mut scratch = BallScratch::default();
         let each =
-            (first..last).map(|i| b.surfel_ball(a.cloud.centre(i), a.cloud.surfels[i].radius, &mut found)).collect();
+            (first..last).map(|i| b.surfel_ball(a.cloud.centre(i), a.cloud.surfels[i].radius, &mut scratch)).collect();
         return Span::Many(vec![Touch::Surfels(each)]);
     }
     let (left, right) = rayon::join(|| descend(a, b, nodes, 2 * node), || descend(a, b, nodes, 2 * node + 1));
