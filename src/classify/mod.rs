@@ -4,6 +4,8 @@
 //! ([`pairs`]) and the class of every surfel ([`classes`]). It does not depend on the view, and moving one leaf redoes only
 //! the pairs of that leaf.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::csg::positive::Positive;
 use crate::csg::{LeafId, Tree};
 
@@ -40,6 +42,13 @@ pub struct Model {
     /// `statuses[a][b]`: how the surfels of a lie to b.
     statuses: Vec<Vec<Option<PairStatus>>>,
     positive_leaves: Vec<LeafId>,
+    state: u64,
+}
+
+/// A number that no other state of any model has.
+fn next_state() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 impl Model {
@@ -53,7 +62,7 @@ impl Model {
         let mut positive_leaves: Vec<LeafId> = tree.literals().filter(|l| !l.negated).map(|l| l.leaf).collect();
         positive_leaves.sort_unstable();
         positive_leaves.dedup();
-        Self { tree, fields, looks, classes, statuses, positive_leaves }
+        Self { tree, fields, looks, classes, statuses, positive_leaves, state: next_state() }
     }
 
     /// The leaves that occur uncomplemented in the positive form: those whose material the result is made of.
@@ -61,11 +70,17 @@ impl Model {
         &self.positive_leaves
     }
 
+    /// Which state of which model this is: it changes whenever a leaf moves, so that what was found for another is known.
+    pub fn state(&self) -> u64 {
+        self.state
+    }
+
     /// Replaces leaf `moved` and classifies again what that touches: its own surfels, and those of the leaves whose
     /// status towards it changed. Returns how many leaves were classified again.
     pub fn move_leaf(&mut self, moved: LeafId, field: LeafField) -> usize {
         let m = moved.0 as usize;
         self.fields[m] = field;
+        self.state = next_state();
         let by_leaf: Vec<&LeafField> = self.fields.iter().collect();
         let mut again = vec![m];
         for other in (0..by_leaf.len()).filter(|&o| o != m) {

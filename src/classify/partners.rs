@@ -39,11 +39,20 @@ pub struct SurfelId {
 }
 
 /// The partners of every edge surfel of a scene.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct PartnerLists {
     /// Whose rule the lists follow.
     among: Among,
     by_leaf: Vec<OfLeaf>,
+    /// The [state](Model::state) of the model that they were found for; `None` where they were given.
+    state: Option<u64>,
+}
+
+/// Equal lists, whatever model they were found for.
+impl PartialEq for PartnerLists {
+    fn eq(&self, other: &Self) -> bool {
+        (self.among, &self.by_leaf) == (other.among, &other.by_leaf)
+    }
 }
 
 /// One leaf's lists.
@@ -80,7 +89,7 @@ impl PartnerLists {
     /// Searches space for the partners of every edge surfel of `model`. The same lists on any number of threads.
     pub fn in_space(model: &Model, among: Among) -> Self {
         let by_leaf = (0..model.fields.len()).map(|leaf| search_leaf(model, LeafId(leaf as u32), among)).collect();
-        Self { among, by_leaf }
+        Self { among, by_leaf, state: Some(model.state()) }
     }
 
     /// From pairs (edge surfel, partner) in any order and repeated at will, which the caller has found to be partners by
@@ -96,7 +105,12 @@ impl PartnerLists {
             let surfel = of_surfel[0].0;
             by_leaf[surfel.leaf.0 as usize].push(surfel.index, &partners);
         }
-        Self { among, by_leaf }
+        Self { among, by_leaf, state: None }
+    }
+
+    /// Whether they are those of `model` as it is now, under the rule `among`: a leaf that moves makes lists useless.
+    pub fn serve(&self, model: &Model, among: Among) -> bool {
+        self.among == among && self.state.is_none_or(|state| state == model.state())
     }
 
     /// The rule that the lists follow.

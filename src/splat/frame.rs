@@ -51,7 +51,7 @@ pub struct Frame<'a> {
 impl<'a> Frame<'a> {
     /// Bins the surfels of `model` for `camera`, and finds partners where `settings` ask for any
     /// ([`SplatSettings::partners_among`]). `partners` are lists that the caller keeps from frame to frame; they serve
-    /// where the settings search space and follow the same rule.
+    /// where the settings search space, follow the same rule and were found for the model as it is.
     pub fn new(
         model: &'a Model,
         camera: Camera,
@@ -65,7 +65,7 @@ impl<'a> Frame<'a> {
         let mut frame = Self { model, view, limit, samples, bins, level: Level::new(), settings, clipping: None };
         frame.clipping = settings.partners_among().map(|among| {
             let lists = match (settings.partners, partners) {
-                (Partners::ObjectSpace, Some(kept)) if kept.among() == among => Cow::Borrowed(kept),
+                (Partners::ObjectSpace, Some(kept)) if kept.serve(model, among) => Cow::Borrowed(kept),
                 (Partners::ObjectSpace, _) => Cow::Owned(PartnerLists::in_space(model, among)),
                 (Partners::ClipBuffer, _) => Cow::Owned(frame.clip_buffer(among)),
             };

@@ -3,8 +3,9 @@
 use glam::DVec3;
 
 use super::Frame;
-use super::settings::SplatSettings;
+use super::settings::{Partners, SplatSettings};
 use super::test_scenes::{COVER, Shape, camera, looks, tree};
+use crate::classify::partners::PartnerLists;
 use crate::classify::{LeafField, Model};
 use crate::csg::LeafId;
 use crate::layers::{LayerLimit, LayerStack};
@@ -24,6 +25,20 @@ fn model(cutter_x: f64) -> Model {
     // The last leaf is far from the cutter, wherever that goes.
     let fields = vec![sphere(DVec3::ZERO, 1.0, 3000), cutter(cutter_x), sphere(DVec3::new(0.0, 9.0, 0.0), 0.5, 500)];
     Model::new(&tree(TEXT), fields, looks(3))
+}
+
+#[test]
+fn partners_of_before_a_move_are_not_used_after_it() {
+    let mut moved = model(0.9);
+    let settings = SplatSettings::PAPER;
+    let settings = SplatSettings { partners: Partners::ObjectSpace, ..settings };
+    let kept = PartnerLists::in_space(&moved, settings.partners_among().unwrap());
+    let camera = camera(DVec3::new(2.6, -2.4, 1.8), DVec3::ZERO, 40.0, 32);
+    // Fewer surfels than before: the old lists name some that are gone.
+    moved.move_leaf(LeafId(1), sphere(DVec3::new(0.3, -0.6, 0.5), 0.7, 200));
+    let frame = Frame::new(&moved, camera, LayerLimit::Nearest, 1, settings, Some(&kept));
+    assert!(frame.partners().is_some_and(|used| *used == PartnerLists::in_space(&moved, kept.among())));
+    assert!(!LayerStack::collect(&frame).tiles().is_empty());
 }
 
 #[test]
