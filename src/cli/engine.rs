@@ -20,6 +20,8 @@ use super::progress::Bars;
 
 /// A scene that is ready to be drawn from any camera.
 pub trait Engine {
+    /// The pipeline's name, as the flag spells it.
+    fn pipeline(&self) -> &'static str;
     /// One frame.
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
 }
@@ -153,6 +155,10 @@ struct SplatEngine {
 }
 
 impl Engine for SplatEngine {
+    fn pipeline(&self) -> &'static str {
+        "splat"
+    }
+
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
         let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_deref());
@@ -167,6 +173,10 @@ struct MeshEngine {
 }
 
 impl Engine for MeshEngine {
+    fn pipeline(&self) -> &'static str {
+        "mesh"
+    }
+
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
         Ok(Box::new(MeshFrame::new(&self.model, camera.clone(), limit, samples)))
@@ -200,6 +210,10 @@ fn truth_leaf(loaded: &LoadedScene, id: LeafId) -> Result<TruthLeaf, InputError>
 }
 
 impl Engine for ReferenceEngine {
+    fn pipeline(&self) -> &'static str {
+        "reference"
+    }
+
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
         let reference = Reference::new(self.leaves.clone(), self.tree.clone(), camera.clone(), samples, limit)?;

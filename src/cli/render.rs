@@ -41,6 +41,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     describe(args, &camera, frame, &loaded, &mut report);
     let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
+    report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background };
     let drawing = Drawing { engine: &*engine, look, wants_layers, session };
@@ -122,7 +123,6 @@ fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &Loade
     let splat = pipeline.splat_settings();
     let layers = if frame.limit == LayerLimit::All { "all" } else { "nearest" };
     let settings = [
-        ("pipeline", json!(format!("{:?}", pipeline.pipeline).to_lowercase())),
         ("clip", json!(splat.clip.name())),
         ("inside", json!(splat.inside.name())),
         ("unknown", json!(splat.unknown.name())),
