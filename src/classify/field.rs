@@ -82,6 +82,11 @@ impl LeafField {
         self.tree.touching(&self.cloud, centre_in_world, radius, found);
     }
 
+    /// Whether a surfel's support ball meets a ball.
+    pub fn reaches(&self, centre_in_world: DVec3, radius: f64) -> bool {
+        self.tree.touches(&self.cloud, centre_in_world, radius)
+    }
+
     /// Whether the leaf can decide anything about others' surfels by its own (a solid that is not exact).
     pub fn lends_surfels(&self) -> bool {
         self.exact.is_none() && self.kind == LeafKind::Solid

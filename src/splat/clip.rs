@@ -98,6 +98,9 @@ struct Part {
     /// Into [`Clipper::disks`]; empty where the leaf's search is to be asked.
     start: u32,
     end: u32,
+    /// Under the paper's rule, the side of a leaf that no disk brings near: the paper's classification is by the surfels that
+    /// reach a ball, and ours calls it near as well where its side is not proven.
+    side: Option<bool>,
 }
 
 /// One tile's partners.
@@ -129,10 +132,29 @@ impl Clipper<'_> {
                     let disk = |id: &SurfelId| disk_of(other, id.index, |c| (c - centre).as_vec3());
                     self.disks.extend(of_leaf.iter().map(disk));
                 }
-                self.parts.push(Part { leaf: of_leaf[0].leaf, start, end: self.disks.len() as u32 });
+                self.parts.push(Part { leaf: of_leaf[0].leaf, start, end: self.disks.len() as u32, side: None });
             }
         }
+        if self.of.settings.unknown == Unknown::Paper {
+            self.gather_sides(leaf, s, first as usize);
+        }
         self.lists.push((first, self.parts.len() as u32));
+    }
+
+    /// Adds the sides of the leaves that are near surfel `s` of `leaf` without a disk of theirs reaching its ball; its parts so
+    /// far begin at `first`.
+    fn gather_sides(&mut self, leaf: LeafId, s: &ViewSurfel, first: usize) {
+        let Some(Drawn::Edge(number)) = s.class.drawn() else { return };
+        let model = self.of.model;
+        let centre = model.fields[leaf.0 as usize].cloud.centre(s.index as usize);
+        for &near in &model.classes[leaf.0 as usize].residuals[number as usize].near {
+            let field = &model.fields[near.0 as usize];
+            let is_known = self.parts[first..].iter().any(|part| part.leaf == near);
+            if is_known || !field.lends_surfels() || field.reaches(centre, f64::from(s.radius)) {
+                continue;
+            }
+            self.parts.push(Part { leaf: near, start: 0, end: 0, side: Some(field.far_inside(centre)) });
+        }
     }
 
     /// Whether and how the result changes at the point `e` (relative to its centre, view axes) of edge surfel `s` of
@@ -216,6 +238,9 @@ impl Clipper<'_> {
             };
         }
         let Some(part) = self.part(place, other) else { return Tri::Unknown };
+        if let Some(inside) = part.side {
+            return Tri::from(inside);
+        }
         let patch = Patch { disks: self.disks(part), reversed };
         self.ask(&patch, x).map_or(Tri::Unknown, Tri::from)
     }

@@ -30,8 +30,7 @@ fn model(cutter_x: f64) -> Model {
 #[test]
 fn partners_of_before_a_move_are_not_used_after_it() {
     let mut moved = model(0.9);
-    let settings = SplatSettings::PAPER;
-    let settings = SplatSettings { partners: Partners::ObjectSpace, ..settings };
+    let settings = SplatSettings { partners: Partners::ObjectSpace, ..SplatSettings::PAPER };
     let kept = PartnerLists::in_space(&moved, settings.partners_among().unwrap());
     let camera = camera(DVec3::new(2.6, -2.4, 1.8), DVec3::ZERO, 40.0, 32);
     // Fewer surfels than before: the old lists name some that are gone.
