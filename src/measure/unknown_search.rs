@@ -32,7 +32,7 @@ const PAPER: SplatSettings = SplatSettings { partners: Partners::ObjectSpace, ..
 const RESOLVED: SplatSettings = SplatSettings { unknown: Unknown::Resolved, ..PAPER };
 
 /// The worst four of a thousand seeds for the paper's rule, of those whose result is not empty: `examples/search_unknown.rs` found them.
-pub const WORST: [u64; 4] = [616, 897, 601, 865];
+pub const WORST: [u64; 4] = [369, 616, 700, 540];
 
 /// What a scene showed: shares of wrong pixels, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,7 +128,7 @@ mod tests {
         for seed in WORST {
             let found = judge(seed).unwrap();
             println!("{found:?}");
-            assert!(found.lost() > 0.4 && found.resolved < 0.2 && found.ours == 0.0, "{found:?}");
+            assert!(found.lost() > 0.4 && found.resolved < 0.5 * found.paper && found.ours == 0.0, "{found:?}");
         }
     }
 
