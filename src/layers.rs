@@ -264,6 +264,33 @@ impl LayerStack {
     }
 }
 
+impl LayerSource for LayerStack {
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        let across = self.camera.width.div_ceil(TILE_SIDE);
+        let tile = &self.tiles[(rect.y0 / TILE_SIDE * across + rect.x0 / TILE_SIDE) as usize];
+        if tile.rect == rect {
+            return tile.clone();
+        }
+        let mut part = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+        part.offsets.push(0);
+        for y in rect.y0..rect.y1 {
+            for x in rect.x0..rect.x1 {
+                part.boundaries.extend_from_slice(self.at(x, y));
+                part.offsets.push(part.boundaries.len() as u32);
+            }
+        }
+        part
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,6 +7,7 @@ use clap::{ArgAction, ArgMatches, Args, FromArgMatches, Parser, Subcommand, Valu
 use clap_complete::Shell;
 use glam::DVec3;
 
+use super::style_args::StyleArgs;
 use surfcut::layers::{LayerLimit, MAX_SAMPLES};
 use surfcut::pipeline::Density;
 use surfcut::scene::colour;
@@ -228,7 +229,7 @@ pub struct ViewArgs {
     /// or an EXR is written, else nearest]
     #[arg(long, value_parser = choice(&[LayerLimit::Nearest, LayerLimit::All], layer_limit_name, layer_limit_summary), help_heading = "Picture")]
     pub layers: Option<LayerLimit>,
-    /// Layers written to an EXR at most
+    /// Layers drawn, where deeper ones show, and written to an EXR at most
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Picture")]
     pub max_layers: Option<u32>,
     /// The camera.
@@ -268,6 +269,7 @@ pub struct CameraArgs {
   surfcut render scene.toml
   surfcut render femur.ply --minus drill.stl -o cut.png --size 1024x1024 --samples 4
   surfcut render scan.ply --minus cylinder:0,0,-9,0,0,9,1.5 --zoom 10 --at 1.5,0,0 -o detail.png
+  surfcut render scene.toml --style blueprint --hidden dashed -o plan.png
   surfcut render scene.toml -o cut.png -o cut.exr --layers all --summary-file run.json
   surfcut render scene.toml -o - | display")]
 pub struct RenderArgs {
@@ -281,6 +283,9 @@ pub struct RenderArgs {
     /// The picture.
     #[command(flatten)]
     pub view: ViewArgs,
+    /// How it looks.
+    #[command(flatten)]
+    pub style: StyleArgs,
     /// How it is drawn.
     #[command(flatten)]
     pub pipeline: PipelineArgs,
@@ -385,7 +390,7 @@ pub struct CompletionsArgs {
 }
 
 /// A parser for one of `all`, by name, with a line of help each.
-fn choice<T: Copy + Send + Sync + 'static>(
+pub fn choice<T: Copy + Send + Sync + 'static>(
     all: &'static [T],
     name: fn(T) -> &'static str,
     summary: fn(T) -> &'static str,
@@ -409,7 +414,8 @@ fn layer_limit_summary(limit: LayerLimit) -> &'static str {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A number that is finite and larger than 0.
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         Ok(_) => Err("it must be larger than 0 and finite".into()),

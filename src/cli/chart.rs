@@ -16,6 +16,7 @@ use surfcut::measure::outline::zoomed_onto_cut;
 use surfcut::measure::{Comparison, compare};
 use surfcut::output::Destination;
 use surfcut::output::report::{FrameTimes, Report, Stopwatch};
+use surfcut::scene::style::Style;
 use surfcut::space::Camera;
 use surfcut::splat::{Clip, Inside, SplatSettings};
 
@@ -55,8 +56,8 @@ pub fn run(args: &ChartArgs, session: &Session) -> anyhow::Result<u8> {
     let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
     memory::check(&camera, Held::Comparison)?;
-    let frame = frame_args(&args.view, &loaded, false);
-    let look = Look { light: loaded.scene.light, background: loaded.scene.background };
+    let frame = frame_args(&args.view, &loaded, &Style::default(), false);
+    let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
     let reference = engine::reference(&loaded, frame)?;
     let views = report.phase("reference", || views(&*reference, &camera, args, session))?;
     let mut scene = SplatScene::new(&mut loaded, args.density.density(), &camera, session.bars, &mut report)?;

@@ -8,6 +8,7 @@ use surfcut::measure::{compare, difference};
 use surfcut::output::report::{Report, Stopwatch};
 use surfcut::output::{Destination, png};
 use surfcut::scene::LoadedScene;
+use surfcut::scene::style::Style;
 use surfcut::space::Camera;
 
 use super::args::{CompareArgs, PipelineArgs};
@@ -37,7 +38,7 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
         ..args.pipeline.clone()
     };
     let test = draw(loaded.clone(), &args.pipeline, frame, &camera, session, &mut report, "frame")?;
-    let look = Look { light: loaded.scene.light, background: loaded.scene.background };
+    let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
     let truth = draw(loaded, &with, frame, &camera, session, &mut report, "second_frame")?;
     let comparison = compare(&test, &truth)?;
     let pictures = [&test, &truth].map(|stack| png::rgb(&shaded_stack(stack, &look)));

@@ -29,7 +29,7 @@ pub fn loaded(args: &SceneArgs, view: Option<&ViewArgs>, bars: Bars) -> anyhow::
     let mut scene = scene(args)?;
     if let Some(view) = view {
         scene.size = view.size.unwrap_or(scene.size);
-        scene.background = view.background.unwrap_or(scene.background);
+        scene.background = view.background.or(scene.background);
     }
     let options = ReadOptions { drop_invalid: args.drop_invalid, ..ReadOptions::default() };
     Ok(load(scene, &options, &bars.bytes("reading"))?)

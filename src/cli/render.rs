@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use glam::{DQuat, DVec3};
 use serde_json::json;
 use surfcut::composite::shaded::tile_count;
-use surfcut::composite::{Look, Picture, shaded, shaded_stack};
-use surfcut::layers::{LayerLimit, LayerStack};
+use surfcut::composite::{Leaves, Look, Picture, styled};
+use surfcut::csg::LeafId;
+use surfcut::layers::{LayerLimit, LayerSource, LayerStack};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
 use surfcut::scene::LoadedScene;
+use surfcut::scene::style::Style;
 use surfcut::space::{Camera, CameraError, Lens, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
@@ -37,14 +39,17 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
-    let frame = frame_args(&args.view, &loaded, wants_layers);
-    describe(args, &camera, frame, &loaded, &mut report);
+    let style = args.style.style(&loaded.scene.style, args.view.max_layers);
+    let frame = frame_args(&args.view, &loaded, &style, wants_layers);
+    describe(args, &camera, frame, &style, &loaded, &mut report);
     let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
     report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
-    let look = Look { light: loaded.scene.light, background: loaded.scene.background };
-    let drawing = Drawing { engine: &*engine, look, wants_layers, session };
+    let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
+    let leaf_colours: Vec<[f32; 3]> = (0..loaded.scene.leaves.len()).map(|i| loaded.colour(LeafId(i as u32))).collect();
+    let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
+    let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, session };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
@@ -112,13 +117,21 @@ fn outputs(args: &RenderArgs, session: &Session) -> anyhow::Result<Vec<(Destinat
 }
 
 /// What the flags leave open: all boundaries where they show or are written, else the nearest.
-pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, wants_layers: bool) -> FrameArgs {
+pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_layers: bool) -> FrameArgs {
     let is_transparent = loaded.scene.leaves.iter().any(|leaf| leaf.opacity < 1.0) || loaded.has_own_opacities();
-    let open = if wants_layers || is_transparent { LayerLimit::All } else { LayerLimit::Nearest };
+    let open =
+        if wants_layers || is_transparent || style.needs_all_layers() { LayerLimit::All } else { LayerLimit::Nearest };
     FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
 }
 
-fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &LoadedScene, report: &mut Report) {
+fn describe(
+    args: &RenderArgs,
+    camera: &Camera,
+    frame: FrameArgs,
+    style: &Style,
+    loaded: &LoadedScene,
+    report: &mut Report,
+) {
     let pipeline = &args.pipeline;
     let splat = pipeline.splat_settings();
     let layers = if frame.limit == LayerLimit::All { "all" } else { "nearest" };
@@ -133,7 +146,8 @@ fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &Loade
         ("layers", json!(layers)),
         ("width", json!(camera.width)),
         ("height", json!(camera.height)),
-        ("background", json!(loaded.scene.background)),
+        ("background", json!(loaded.scene.background_for(style))),
+        ("style", json!(style.kind.name())),
     ];
     report.settings.extend(settings.map(|(key, value)| (key.to_owned(), value)));
 }
@@ -141,6 +155,8 @@ fn describe(args: &RenderArgs, camera: &Camera, frame: FrameArgs, loaded: &Loade
 struct Drawing<'a> {
     engine: &'a dyn Engine,
     look: Look,
+    style: Style,
+    leaves: Leaves<'a>,
     wants_layers: bool,
     session: &'a Session,
 }
@@ -153,14 +169,18 @@ impl Drawing<'_> {
         let drawn = report.phase("frame", || {
             if self.wants_layers {
                 let stack = LayerStack::collect(&*source);
-                let picture = shaded_stack(&stack, &self.look);
+                let picture = self.styled(&stack, &|| ());
                 (picture, Some(stack))
             } else {
-                (shaded(&*source, &self.look, &|| bar.inc(1)), None)
+                (self.styled(&*source, &|| bar.inc(1)), None)
             }
         });
         bar.finish_and_clear();
         Ok(drawn)
+    }
+
+    fn styled(&self, source: &dyn LayerSource, on_tile: &(dyn Fn() + Sync)) -> Picture {
+        styled(source, &self.look, &self.style, self.leaves, on_tile)
     }
 
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
@@ -172,7 +192,7 @@ impl Drawing<'_> {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
             let source = self.engine.frame(&turned)?;
-            std::hint::black_box(shaded(&*source, &self.look, &|| ()));
+            std::hint::black_box(self.styled(&*source, &|| ()));
             if turn > 0 {
                 times.push(watch.times());
                 bar.inc(1);

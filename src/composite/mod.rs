@@ -1,7 +1,21 @@
 //! Draws a [`LayerSource`](crate::layers::LayerSource) into a picture. Styles see layers and nothing of what made them.
+//!
+//! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers. The
+//! styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
+//! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines.
 
+mod edges;
+mod facets;
+mod layered;
+mod noise;
 pub mod picture;
+pub mod recolour;
 pub mod shaded;
+mod sketchy;
+mod strip;
+mod strokes;
+mod styled;
 
 pub use picture::Picture;
 pub use shaded::{Look, shaded, shaded_stack};
+pub use styled::{Leaves, styled};

@@ -9,6 +9,9 @@ pub struct Picture {
     pub height: u32,
     /// `width · height` pixels: linear red, green, blue, and alpha.
     pub pixels: Vec<[f32; 4]>,
+    /// Planar view depth of what each pixel shows, +∞ where that is nothing, world units; `None` where it is that of the
+    /// nearest layer.
+    pub depth: Option<Vec<f32>>,
     /// Pixels in which any surface is seen.
     pub covered: u64,
     /// Whether the background lets through what a viewer puts behind the picture, so that alpha belongs in its file.

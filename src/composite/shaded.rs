@@ -108,6 +108,28 @@ impl<'a> Shader<'a> {
         batch.len = 0;
     }
 
+    /// The lit colours of all boundaries of `tile`, in their order, each with its opacity. The same light as
+    /// [`lit`](Self::lit).
+    pub fn lit_tile(&self, tile: &LayerTile) -> Vec<[f32; 4]> {
+        let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
+        let mut batch = Batch::default();
+        for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
+            for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
+                let pixel = row * tile.rect.width() as usize + column;
+                let centre = self.centre_of(x, y);
+                for index in tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize {
+                    batch.push(index, centre, &tile.boundaries[index]);
+                    if batch.len == LANES {
+                        self.light(&mut batch, &mut lit);
+                    }
+                }
+            }
+        }
+        self.light(&mut batch, &mut lit);
+        lit.iter_mut().zip(&tile.boundaries).for_each(|(lit, boundary)| lit[3] = boundary.opacity.clamp(0.0, 1.0));
+        lit
+    }
+
     #[inline(always)]
     fn lit_lanes<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
         let load = |lanes: &[f32; LANES]| f32x8::from_slice(simd, lanes);
@@ -238,7 +260,8 @@ fn by_tiles(camera: &Camera, samples: u32, look: &Look, draw: &DrawTile) -> Pict
             }
         }
     });
-    Picture { width, height, pixels, covered: covered.into_inner(), has_alpha: look.background[3] < 1.0 }
+    let has_alpha = look.background[3] < 1.0;
+    Picture { width, height, pixels, depth: None, covered: covered.into_inner(), has_alpha }
 }
 
 /// How many tiles [`shaded`] draws for `camera`.

@@ -165,6 +165,9 @@ impl<'a> Channels<'a> {
     }
 
     fn value(&self, layer: usize, quantity: Quantity, x: u32, y: u32) -> f32 {
+        if let (0, Quantity::Depth, Some(depth)) = (layer, quantity, &self.picture.depth) {
+            return depth[(y * self.picture.width + x) as usize];
+        }
         if let (0, Quantity::Colour(channel)) = (layer, quantity) {
             let pixel = self.picture.at(x, y);
             return if channel < 3 { pixel[channel] * pixel[3] } else { pixel[3] };
@@ -277,7 +280,7 @@ mod tests {
                 .unwrap();
         let stack = LayerStack::collect(&Steps(camera));
         let pixels = (0..WIDTH * HEIGHT).map(|i| [i as f32, 0.5, 1e-6, 0.5]).collect();
-        let picture = Picture { width: WIDTH, height: HEIGHT, pixels, covered: 1, has_alpha: true };
+        let picture = Picture { width: WIDTH, height: HEIGHT, pixels, depth: None, covered: 1, has_alpha: true };
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.exr");
         let destination = Destination::File(path.clone());

@@ -138,7 +138,7 @@ mod tests {
     fn picture(has_alpha: bool) -> Picture {
         let [r, g, b] = linear_from_bytes([10, 128, 250]);
         let pixels = vec![[r, g, b, 1.0], [r, g, b, 0.5], [0.0; 4], [2.0, f32::NAN, -1.0, 2.0], [1.0; 4], [r; 4]];
-        Picture { width: 3, height: 2, pixels, covered: 4, has_alpha }
+        Picture { width: 3, height: 2, pixels, depth: None, covered: 4, has_alpha }
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub mod inspect;
 pub mod load;
 pub mod nearest_name;
 pub mod one_liner;
+pub mod style;
+mod style_toml;
 pub mod toml_file;
 mod toml_values;
 pub mod tree_json;
@@ -155,8 +157,10 @@ pub struct Scene {
     pub camera: Option<CameraSpec>,
     /// Picture size in pixels: width, height.
     pub size: (u32, u32),
-    /// Linear RGB and opacity behind everything.
-    pub background: [f32; 4],
+    /// Linear RGB and opacity behind everything; `None` is the style's paper, or [`DEFAULT_BACKGROUND`].
+    pub background: Option<[f32; 4]>,
+    /// How it is drawn.
+    pub style: style::Style,
     /// The light.
     pub light: Light,
     /// The unit of lengths, such as `mm`, where the scene names one.
@@ -171,10 +175,16 @@ impl Scene {
             tree,
             camera: None,
             size: DEFAULT_SIZE,
-            background: DEFAULT_BACKGROUND,
+            background: None,
+            style: style::Style::default(),
             light: Light::default(),
             units: None,
         }
+    }
+
+    /// What lies behind everything in a picture of `style`: linear RGB and opacity.
+    pub fn background_for(&self, style: &style::Style) -> [f32; 4] {
+        self.background.or(style.paper()).unwrap_or(DEFAULT_BACKGROUND)
     }
 
     /// The first sheet that the expression subtracts or complements, which no sheet can be: it has no inside.

@@ -22,6 +22,10 @@
 //! eye = [8, -8, 5]
 //! target = [0, 0, 0]
 //! fov_y = 35                         # or height = 12, which is orthographic
+//!
+//! [style]                            # needless: without it the result is shaded
+//! kind = "blueprint"
+//! line_width = 1.5
 //! ```
 //!
 //! Every mistake is an error with its line and column, and says what would mend it.
@@ -34,6 +38,7 @@ use toml::de::DeTable;
 
 use super::inline_solid::{self, SOLID_KEYS, SolidError};
 use super::nearest_name::nearest_name;
+use super::style_toml;
 use super::toml_values::{Field, Source, Table};
 use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour};
 use crate::csg::expression::{self, ExpressionError};
@@ -261,7 +266,7 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
         "the top level",
         0..text.len(),
         document.get_ref(),
-        &["csg", "leaf", "size", "background", "units", "camera", "light"],
+        &["csg", "leaf", "size", "background", "units", "camera", "light", "style"],
     )?;
     let mut leaves = Vec::new();
     if let Some(field) = top.get("leaf")? {
@@ -285,10 +290,13 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
     scene.size = size;
     scene.camera = camera;
     if let Some(field) = top.get("background")? {
-        scene.background = parse_background(&field)?;
+        scene.background = Some(parse_background(&field)?);
     }
     if let Some(field) = top.get("light")? {
         scene.light = parse_light(&field)?;
+    }
+    if let Some(field) = top.get("style")? {
+        scene.style = style_toml::parse(&field)?;
     }
     if let Some(field) = top.get("units")? {
         scene.units = Some(field.text("the name of a unit, such as \"mm\"")?.to_owned());

@@ -48,7 +48,7 @@ fn a_full_scene_is_read() {
     let names: Vec<_> = scene.leaves.iter().map(|leaf| leaf.name.as_str()).collect();
     assert_eq!(names, ["femur", "drill", "ball"], "in the file's order, not the alphabet's");
     assert_eq!(scene.tree.display(|leaf| names[leaf.0 as usize]).to_string(), "femur - (drill | ball)");
-    assert_eq!((scene.size, scene.background, scene.units.as_deref()), ((640, 480), [0.0; 4], Some("mm")));
+    assert_eq!((scene.size, scene.background, scene.units.as_deref()), ((640, 480), Some([0.0; 4]), Some("mm")));
     let [femur, drill, ball] = &scene.leaves[..] else { panic!("three leaves") };
     assert!(matches!(&femur.source, LeafSource::File(path) if path == Path::new("base/scans/femur.ply")));
     assert!(matches!(femur.truth, Some(Truth::Solid(Solid::Sphere { .. }))));
@@ -73,7 +73,7 @@ fn one_leaf_needs_no_expression_and_files_may_be_absolute() {
     assert_eq!(scene.tree, Tree::leaf(LeafId(0)));
     assert!(matches!(&scene.leaves[0].source, LeafSource::File(path) if path == Path::new("/scans/a.ply")));
     assert!((scene.leaves[0].world_from_leaf.transform_vector3(DVec3::X) - DVec3::Y).length() < 1e-12);
-    assert_eq!((scene.size, scene.background), (super::super::DEFAULT_SIZE, super::super::DEFAULT_BACKGROUND));
+    assert_eq!((scene.size, scene.background), (super::super::DEFAULT_SIZE, None));
 }
 
 #[test]

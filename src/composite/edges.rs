@@ -1,0 +1,317 @@
+//! Where the lines of each layer run.
+//!
+//! *Theory.* Blueprint CSG §5.1: visually important edges are silhouettes, where the depth of a layer is discontinuous, and
+//! creases, where its normal is; Sketchy CSG §3.1 adds the borders of open surfaces. Both papers find them by comparing
+//! neighbouring texels of a layer's depth and normal maps, and so put a line on whole pixels, two wide.
+//!
+//! *Changes from the paper.* Neighbouring pixels' *lists* of boundaries are matched, front to back: a boundary goes on where
+//! the other pixel's is near one of the two tangent planes and faces the same way. The k-th layer has an edge where the
+//! k-th boundaries of the two do not match each other, which is the paper's discontinuity; but now it is also known why,
+//! and with it where between the two pixels the line runs:
+//!
+//! * a *crease* is where two tangent planes of one matched pair meet: both know where, to a fraction of a pixel;
+//! * a *silhouette* is where a front and the back behind it end together, which is where the solid's thickness goes to
+//!   nothing: again two planes. On a smooth body the thickness goes as the square root of the distance, which halves it;
+//! * elsewhere (a step seen from above, the border of a sheet) only the pair of pixels is known.
+//!
+//! [`strokes`](super::strokes) makes lines of these points. Thresholds are in footprints and degrees, so that they mean the
+//! same at any size and zoom: a footprint is a pixel's width at the surface.
+//!
+//! *Practice.* A surface that bends within a few pixels, as a scan's corner that its surfels round off, has a crease where
+//! its normal turns fastest, if over three pixels it turns by more than the threshold; a curved surface turns evenly and has
+//! none. Where nothing changes between two pixels, which is nearly everywhere, the first loop of [`Detector::pair`] is all
+//! that runs. Each pair of pixels is looked at by the tile of its left or upper one alone.
+
+use glam::Vec2;
+
+use super::facets::{Facet, FacetStrip};
+use crate::layers::NO_LEAF;
+use crate::scene::style::LineSettings;
+
+/// Why a layer has an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum EdgeKind {
+    /// A surface ends, or jumps.
+    Silhouette,
+    /// A surface folds.
+    Crease,
+}
+
+/// A place between two neighbouring pixels that a line passes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct EdgePoint {
+    /// In pixels, (0, 0) the picture's top left corner.
+    pub at: Vec2,
+    /// Unit vector across the line; zero where unknown.
+    pub across: Vec2,
+    /// Of the nearer surface, world units.
+    pub depth: f32,
+    /// The layer whose surface has the edge, from 0.
+    pub layer: u16,
+    /// One past the last layer whose picture changes here, since deeper boundaries move up where this one ends.
+    pub until: u16,
+    /// Why.
+    pub kind: EdgeKind,
+    /// 0 to 1.
+    pub strength: f32,
+    /// Whether the line is drawn stronger.
+    pub heavy: bool,
+}
+
+/// The edge points of a tile, by the left or upper pixel of the pair that each lies between.
+#[derive(Debug, Default)]
+pub(super) struct EdgePoints {
+    /// Points, row by row of pixels.
+    pub points: Vec<EdgePoint>,
+    /// `area + 1` offsets into `points`; empty where there is none.
+    pub offsets: Vec<u32>,
+}
+
+/// Of the steps that two tangent planes foresee, so much may be amiss: what a curved surface does between two pixels.
+const CURVED_SHARE: f32 = 0.5;
+/// A crease is at full strength from so many times the threshold on, so that lines fade in and do not flicker.
+const FULL_CREASE: f32 = 1.3;
+/// Below this share of the threshold, a single pair of pixels is no part of a rounded crease either.
+const SUSPICIOUS_SHARE: f32 = 0.2;
+/// A rounded crease turns by so much more between its middle pixels than between those beside them.
+const PEAK: f32 = 1.1;
+
+/// Finds edges by one set of thresholds.
+pub(super) struct Detector<'a> {
+    strip: &'a FacetStrip,
+    jump_px: f32,
+    crease: f32,
+    cos_suspicious: f32,
+    /// By leaf: whether lines that bound it are heavy.
+    heavy: &'a [bool],
+}
+
+/// Two pixels side by side (`axis` 0) or one above the other (1).
+#[derive(Clone, Copy)]
+struct Place {
+    x: u32,
+    y: u32,
+    axis: usize,
+}
+
+impl<'a> Detector<'a> {
+    /// Over `strip`, by the thresholds of `settings`.
+    pub fn new(strip: &'a FacetStrip, settings: &LineSettings, heavy: &'a [bool]) -> Self {
+        let crease = settings.crease_degrees.to_radians();
+        Self { strip, jump_px: settings.jump_px, crease, cos_suspicious: (SUSPICIOUS_SHARE * crease).cos(), heavy }
+    }
+
+    /// The edge points of tile `index`.
+    pub fn tile(&self, index: usize) -> EdgePoints {
+        let rect = self.strip.rect(index);
+        let mut found = EdgePoints::default();
+        let mut offsets = Vec::with_capacity(rect.area() + 1);
+        offsets.push(0);
+        for y in rect.y0..rect.y1 {
+            let mut here = self.strip.at(rect.x0, y).unwrap_or_default();
+            for x in rect.x0..rect.x1 {
+                let right = self.strip.at(x + 1, y);
+                if let Some(right) = right {
+                    self.pair(here, right, Place { x, y, axis: 0 }, &mut found.points);
+                }
+                if let Some(below) = self.strip.at(x, y + 1) {
+                    self.pair(here, below, Place { x, y, axis: 1 }, &mut found.points);
+                }
+                offsets.push(found.points.len() as u32);
+                here = right.unwrap_or_default();
+            }
+        }
+        if !found.points.is_empty() {
+            found.offsets = offsets;
+        }
+        found
+    }
+
+    /// Whether `q`, the next pixel along `axis`, shows the surface of `p`.
+    #[inline]
+    fn goes_on(&self, p: &Facet, q: &Facet, axis: usize) -> bool {
+        let deeper = p.deeper(q);
+        let amiss = (deeper - p.step[axis]).abs().min((deeper - q.step[axis]).abs());
+        p.facing == q.facing && amiss <= self.jump_px + CURVED_SHARE * p.step[axis].abs().min(q.step[axis].abs())
+    }
+
+    fn pair(&self, p: &[Facet], q: &[Facet], place: Place, out: &mut Vec<EdgePoint>) {
+        let alike =
+            |(a, b): (&Facet, &Facet)| self.goes_on(a, b, place.axis) && a.normal.dot(b.normal) >= self.cos_suspicious;
+        if p.len() == q.len() && p.iter().zip(q).all(alike) {
+            return;
+        }
+        let deepest = p.len().max(q.len()) as u16;
+        let mut first_open = out.len();
+        let (mut i, mut j) = (0, 0);
+        while i < p.len() || j < q.len() {
+            let (a, b) = (p.get(i), q.get(j));
+            if let (Some(a), Some(b)) = (a, b)
+                && self.goes_on(a, b, place.axis)
+            {
+                let layer = i.min(j) as u16;
+                if i == j {
+                    // From here on, layers are the same surfaces again.
+                    let open = out[first_open..].iter_mut().filter(|edge| edge.kind == EdgeKind::Silhouette);
+                    open.for_each(|edge| edge.until = layer.max(edge.layer + 1));
+                }
+                if a.normal.dot(b.normal) < self.cos_suspicious
+                    && let Some(edge) = self.crease(a, b, place)
+                {
+                    out.push(EdgePoint { layer, until: layer + 1, ..edge });
+                }
+                if i == j {
+                    first_open = out.len();
+                }
+                (i, j) = (i + 1, j + 1);
+                continue;
+            }
+            // The nearer of the two has no match: whatever matched it would be nearer than the other.
+            let p_is_nearer = match (a, b) {
+                (Some(a), Some(b)) => a.depth <= b.depth,
+                (a, _) => a.is_some(),
+            };
+            let (near, at, others, other) = if p_is_nearer { (p, i, q, j) } else { (q, j, p, i) };
+            let facet = &near[at];
+            let mate = near.get(at + 1).filter(|mate| mate.facing != facet.facing);
+            let mate_goes_on = mate.is_some_and(|mate| {
+                others[other.min(others.len())..].iter().any(|o| {
+                    let (a, b) = if p_is_nearer { (mate, o) } else { (o, mate) };
+                    self.goes_on(a, b, place.axis)
+                })
+            });
+            let mate = mate.filter(|_| !mate_goes_on);
+            let layer = i.min(j) as u16;
+            out.push(EdgePoint {
+                layer,
+                until: deepest,
+                ..self.silhouette(facet, mate, others.get(other), place, p_is_nearer)
+            });
+            // A surface that stepped is both pixels' k-th; one that ended is one pixel's alone.
+            let stepped = mate_goes_on && others.get(other).is_some_and(|o| o.facing == facet.facing);
+            let ended = 1 + usize::from(mate.is_some());
+            match (p_is_nearer, stepped) {
+                (_, true) => (i, j) = (i + 1, j + 1),
+                (true, false) => i += ended,
+                (false, false) => j += ended,
+            }
+        }
+        // Edges with nothing behind them end with the last layer.
+        out[first_open..].iter_mut().for_each(|edge| edge.until = edge.until.max(edge.layer + 1));
+    }
+
+    /// Where the surface of `p` folds into that of `q`.
+    fn crease(&self, p: &Facet, q: &Facet, place: Place) -> Option<EdgePoint> {
+        let angle = angle(p, q);
+        let before = self.neighbour(p, place, -1);
+        let after = self.neighbour(q, place, 2);
+        let side = |a: Option<Facet>, b: &Facet| a.map_or(0.0, |a| self::angle(&a, b));
+        let (angle_before, angle_after) = (side(before, p), side(after, q));
+        // The fastest turn is the crease; of two alike, the first.
+        if !(angle >= angle_before && angle > angle_after) {
+            return None;
+        }
+        let mut ends = (*p, *q, 0.0, 1.0);
+        let mut turned = angle;
+        if angle < self.crease {
+            if !(angle >= PEAK * angle_before.max(angle_after)) {
+                return None;
+            }
+            let (a, b) = (before.unwrap_or(*p), after.unwrap_or(*q));
+            turned = self::angle(&a, &b);
+            ends = (a, b, if before.is_some() { -1.0 } else { 0.0 }, if after.is_some() { 2.0 } else { 1.0 });
+        }
+        let strength = (turned / self.crease - 1.0) / (FULL_CREASE - 1.0);
+        if !(strength > 0.0) {
+            return None;
+        }
+        // The planes z_a + s_a (r − a) and z_b + s_b (r − b) meet where their difference is 0.
+        let (a, b, from, to) = ends;
+        let bend = Vec2::from(a.step) - Vec2::from(b.step);
+        let t = (a.deeper(&b) + from * a.step[place.axis] - to * b.step[place.axis]) / bend[place.axis];
+        let (t, across) = trusted(t, bend);
+        Some(EdgePoint {
+            at: place.between(t),
+            across,
+            depth: p.depth.min(q.depth),
+            layer: 0,
+            until: 0,
+            kind: EdgeKind::Crease,
+            strength: strength.min(1.0),
+            heavy: self.is_heavy(p) || self.is_heavy(q),
+        })
+    }
+
+    /// Where the surface of `facet`, with the back `mate` where that ends with it, ends before the other pixel.
+    fn silhouette(
+        &self,
+        facet: &Facet,
+        mate: Option<&Facet>,
+        other: Option<&Facet>,
+        place: Place,
+        ends_in_q: bool,
+    ) -> EdgePoint {
+        let (mut t, mut across) = (0.5, Vec2::ZERO);
+        if let Some(mate) = mate {
+            /// Normals of front and back at a silhouette: nearly the same on a smooth body, apart at a sharp edge.
+            const SHARP_COS: f32 = 0.2;
+            const SMOOTH_COS: f32 = 0.7;
+            let smooth = ((facet.normal.dot(mate.normal) - SHARP_COS) / (SMOOTH_COS - SHARP_COS)).clamp(0.0, 1.0);
+            let thinning = Vec2::from(mate.step) - Vec2::from(facet.step);
+            let along = if ends_in_q { thinning[place.axis] } else { -thinning[place.axis] };
+            let reach = -facet.deeper(mate) / along * (1.0 - 0.5 * smooth);
+            (t, across) = trusted(if ends_in_q { reach } else { 1.0 - reach }, thinning);
+        }
+        EdgePoint {
+            at: place.between(t),
+            across,
+            depth: facet.depth,
+            layer: 0,
+            until: 0,
+            kind: EdgeKind::Silhouette,
+            strength: 1.0,
+            heavy: self.is_heavy(facet) || other.is_some_and(|other| self.is_heavy(other)),
+        }
+    }
+
+    /// The facet that goes on from `facet`, at `offset` pixels from the place's first pixel.
+    fn neighbour(&self, facet: &Facet, place: Place, offset: i32) -> Option<Facet> {
+        let mut at = [place.x, place.y];
+        at[place.axis] = at[place.axis].checked_add_signed(offset)?;
+        let candidates = self.strip.at(at[0], at[1])?;
+        let goes_on = |c: &&Facet| {
+            if offset < 0 { self.goes_on(c, facet, place.axis) } else { self.goes_on(facet, c, place.axis) }
+        };
+        candidates.iter().find(goes_on).copied()
+    }
+
+    fn is_heavy(&self, facet: &Facet) -> bool {
+        facet.leaf != NO_LEAF && self.heavy.get(facet.leaf as usize).copied().unwrap_or(false)
+    }
+}
+
+impl Place {
+    /// The point a share `t` of the way from the middle of the first pixel to that of the second.
+    fn between(self, t: f32) -> Vec2 {
+        let mut at = Vec2::new(self.x as f32 + 0.5, self.y as f32 + 0.5);
+        at[self.axis] += t;
+        at
+    }
+}
+
+/// The share of the way at which a line crosses, and its unit normal, as two planes have it; half way and no normal where
+/// they cannot be right.
+fn trusted(t: f32, across: Vec2) -> (f32, Vec2) {
+    /// A line found so far outside of its pair of pixels is that of other planes.
+    const SLACK: f32 = 0.35;
+    match across.try_normalize() {
+        Some(across) if t > -SLACK && t < 1.0 + SLACK => (t.clamp(0.0, 1.0), across),
+        _ => (0.5, Vec2::ZERO),
+    }
+}
+
+/// Between two facets' normals, radians.
+fn angle(a: &Facet, b: &Facet) -> f32 {
+    // A chord's length keeps its digits where a cosine near 1 has lost them.
+    2.0 * (0.5 * a.normal.distance(b.normal)).min(1.0).asin()
+}

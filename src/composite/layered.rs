@@ -1,0 +1,220 @@
+//! The styles that draw every layer with its lines: blueprint, wireframe and edge-enhanced transparency.
+//!
+//! *Theory.* Blueprint CSG §5.3 and §5.4: the layers are blended in depth order, each with its edge map. In a blueprint the
+//! edge intensity is the alpha, of one colour; a wireframe leaves out what is no edge; edge-enhanced transparency multiplies
+//! a layer's shading by its edges.
+//!
+//! *Changes from the paper.* All three are one formula. A layer is its surface, of colour `c` and opacity `a`, under its
+//! ink, which covers a share `e`: it lets (1−a)(1−e) through and adds e·ink + (1−e)·a·c. A blueprint's surface has the ink's
+//! colour and an opacity that only tints, so that many layers in a row are deeper in tone (the paper's depth complexity
+//! cueing); a wireframe's surface has none; edge × shade is black ink. Ink is weaker by the style's `fade` on each layer.
+//!
+//! *Practice.* With several samples a pixel, each sample's layers are counted and blended on their own; lines are a pixel's.
+//! The picture's depth is that of the nearest thing that shows: a surface that is not quite clear, or ink that covers half
+//! of the pixel.
+
+use super::Look;
+use super::picture::Picture;
+use super::shaded::Shader;
+use super::strip::{Strip, for_each_strip};
+use super::strokes::LineMaps;
+use crate::layers::{LayerSource, LayerTile};
+use crate::scene::style::{Style, StyleKind};
+
+use rayon::prelude::*;
+
+/// Ink that covers less of a pixel than this gives it no depth.
+pub(super) const INK_HAS_DEPTH: f32 = 0.5;
+
+/// The pixels of a tile, row by row, with their depths.
+pub(super) struct Composed {
+    pub pixels: Vec<[f32; 4]>,
+    pub depth: Vec<f32>,
+    pub covered: u64,
+}
+
+/// Draws the layers of `source` with their lines. `heavy` says by leaf whether its outline is drawn stronger.
+pub(super) fn layered(
+    source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
+    heavy: &[bool],
+    on_tile: &(dyn Fn() + Sync),
+) -> Picture {
+    let shader = Shader::new(&look.light, source.camera());
+    let inks = Inks::new(style);
+    let samples = source.samples();
+    from_strips(source, look, style, heavy, on_tile, |strip, index| {
+        compose(&strip.tiles[index], &strip.lines[index], samples, &shader, &inks, look.background)
+    })
+}
+
+/// Draws `source` strip by strip; `compose` makes a tile's pixels.
+pub(super) fn from_strips(
+    source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
+    heavy: &[bool],
+    on_tile: &(dyn Fn() + Sync),
+    compose: impl Fn(&Strip, usize) -> Composed + Sync,
+) -> Picture {
+    let (width, height) = (source.camera().width, source.camera().height);
+    let mut pixels = Vec::with_capacity(width as usize * height as usize);
+    let mut depth = Vec::with_capacity(pixels.capacity());
+    let mut covered = 0;
+    for_each_strip(source, style, heavy, on_tile, |strip| {
+        let composed: Vec<Composed> = strip.own.clone().into_par_iter().map(|index| compose(strip, index)).collect();
+        for row in composed.chunks_exact(strip.across) {
+            let rows = row[0].pixels.len() / (strip.tiles[strip.own.start].rect.width() as usize);
+            for y in 0..rows {
+                for tile in row {
+                    let across = tile.pixels.len() / rows;
+                    pixels.extend_from_slice(&tile.pixels[y * across..(y + 1) * across]);
+                    depth.extend_from_slice(&tile.depth[y * across..(y + 1) * across]);
+                }
+            }
+        }
+        covered += composed.iter().map(|tile| tile.covered).sum::<u64>();
+    });
+    Picture { width, height, pixels, depth: Some(depth), covered, has_alpha: look.background[3] < 1.0 }
+}
+
+/// The ink of each layer.
+pub(super) struct Inks {
+    colour: [f32; 3],
+    kept: f32,
+    /// Whether surfaces have the ink's colour.
+    tints: bool,
+}
+
+impl Inks {
+    pub fn new(style: &Style) -> Self {
+        let tints = matches!(style.kind, StyleKind::Blueprint | StyleKind::Wireframe);
+        Self { colour: style.ink(), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints }
+    }
+
+    /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities.
+    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader) -> Vec<[f32; 4]> {
+        if self.tints {
+            let [r, g, b] = self.colour;
+            tile.boundaries.iter().map(|boundary| [r, g, b, boundary.opacity.clamp(0.0, 1.0)]).collect()
+        } else {
+            shader.lit_tile(tile)
+        }
+    }
+}
+
+/// What a ray has gathered so far, front to back.
+pub(super) struct Gathered {
+    light: [f32; 3],
+    through: f32,
+    depth: f32,
+    /// Strength of the next layer's ink.
+    strength: f32,
+}
+
+impl Gathered {
+    pub fn new() -> Self {
+        Self { light: [0.0; 3], through: 1.0, depth: f32::INFINITY, strength: 1.0 }
+    }
+
+    /// Adds a layer: ink that covers a share `ink` at `ink_depth`, over a surface of *premultiplied* colour and alpha.
+    #[inline]
+    pub fn add(&mut self, inks: &Inks, ink: f32, ink_depth: f32, surface: [f32; 4], surface_depth: f32) {
+        if self.depth == f32::INFINITY {
+            if surface[3] > 0.0 {
+                self.depth = surface_depth.min(if ink > 0.0 { ink_depth } else { f32::INFINITY });
+            } else if ink >= INK_HAS_DEPTH {
+                self.depth = ink_depth.min(surface_depth);
+            }
+        }
+        let ink = ink * self.strength;
+        let (under_ink, inked) = (self.through * (1.0 - ink), self.through * ink);
+        for c in 0..3 {
+            self.light[c] += inked * inks.colour[c] + under_ink * surface[c];
+        }
+        self.through = under_ink * (1.0 - surface[3]);
+        self.strength *= inks.kept;
+    }
+
+    /// Whether nothing deeper shows.
+    #[inline]
+    pub fn is_opaque(&self) -> bool {
+        self.through <= 0.0
+    }
+}
+
+/// The mean of what a pixel's `count` samples gathered, over `background`: linear RGB, straight alpha.
+fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
+    let [r, g, b, a] = background;
+    let alpha = (1.0 - through) + through * a;
+    if !(alpha > 0.0) {
+        return [0.0; 4];
+    }
+    let mix = |light: f32, behind: f32| (light + through * a * behind) / alpha;
+    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
+}
+
+impl Gathered {
+    /// Over `background`: linear RGB, straight alpha; and the depth.
+    pub fn finish(&self, background: [f32; 4]) -> ([f32; 4], f32) {
+        (over(self.light, self.through, background), self.depth)
+    }
+}
+
+fn compose(
+    tile: &LayerTile,
+    lines: &LineMaps,
+    samples: u32,
+    shader: &Shader,
+    inks: &Inks,
+    background: [f32; 4],
+) -> Composed {
+    let area = tile.rect.area();
+    let (mut pixels, mut depth) = (vec![background; area], vec![f32::INFINITY; area]);
+    let mut covered = 0;
+    if tile.boundaries.is_empty() && lines.len() == 0 {
+        return Composed { pixels, depth, covered };
+    }
+    let surfaces = inks.surfaces(tile, shader);
+    let ink_at = |layer: usize, pixel: usize| {
+        lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]))
+    };
+    for pixel in 0..area {
+        let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
+        covered += u64::from(from < to);
+        if from == to && (0..lines.len()).all(|layer| ink_at(layer, pixel).0 == 0.0) {
+            continue;
+        }
+        let (mut light, mut through) = ([0.0; 3], 0.0);
+        for sample in 0..samples {
+            let mut gathered = Gathered::new();
+            let mut layer = 0;
+            for index in from..to {
+                let boundary = &tile.boundaries[index];
+                if samples > 1 && boundary.samples >> sample & 1 == 0 {
+                    continue;
+                }
+                let (ink, ink_depth) = ink_at(layer, pixel);
+                let [r, g, b, a] = surfaces[index];
+                gathered.add(inks, ink, ink_depth, [a * r, a * g, a * b, a], boundary.depth);
+                layer += 1;
+                if gathered.is_opaque() {
+                    break;
+                }
+            }
+            // Lines stand half a width over the border of their surface.
+            while layer < lines.len() && !gathered.is_opaque() {
+                let (ink, ink_depth) = ink_at(layer, pixel);
+                gathered.add(inks, ink, ink_depth, [0.0; 4], f32::INFINITY);
+                layer += 1;
+            }
+            (0..3).for_each(|c| light[c] += gathered.light[c]);
+            through += gathered.through;
+            depth[pixel] = depth[pixel].min(gathered.depth);
+        }
+        let share = 1.0 / samples as f32;
+        pixels[pixel] = over(light.map(|c| c * share), through * share, background);
+    }
+    Composed { pixels, depth, covered }
+}

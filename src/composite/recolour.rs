@@ -1,0 +1,93 @@
+//! What a style changes of the layers before they are drawn: opacity, the colour of cut faces, how many there are.
+
+use crate::layers::{LayerSource, LayerTile, MAX_SAMPLES};
+use crate::scene::style::{CutColour, Style, StyleKind};
+use crate::space::{Camera, PixelRect};
+
+/// A source with a style's opacity and colours, and its first layers alone.
+pub struct Recoloured<'a> {
+    source: &'a dyn LayerSource,
+    opacity: f32,
+    cut: CutColour,
+    /// By leaf, linear RGB.
+    leaf_colours: &'a [[f32; 3]],
+    max_layers: Option<u32>,
+}
+
+impl<'a> Recoloured<'a> {
+    /// `source` as `style` wants it; `leaf_colours` by the leaf's index, for [`CutColour::Leaf`].
+    pub fn new(source: &'a dyn LayerSource, style: &Style, leaf_colours: &'a [[f32; 3]]) -> Self {
+        let opacity = match style.kind {
+            StyleKind::Shaded => 1.0,
+            StyleKind::Transparent | StyleKind::EdgeTransparent | StyleKind::Sketchy => style.opacity,
+            StyleKind::Blueprint => style.tint,
+            StyleKind::Wireframe => 0.0,
+        };
+        // An opaque picture has no second layer to leave out.
+        let max_layers = style.max_layers.filter(|_| style.needs_all_layers());
+        Self { source, opacity, cut: style.cut_colour, leaf_colours, max_layers }
+    }
+
+    /// Whether nothing is changed.
+    pub fn is_plain(&self) -> bool {
+        self.opacity == 1.0 && self.cut == CutColour::Cutter && self.max_layers.is_none()
+    }
+}
+
+impl LayerSource for Recoloured<'_> {
+    fn camera(&self) -> &Camera {
+        self.source.camera()
+    }
+
+    fn samples(&self) -> u32 {
+        self.source.samples()
+    }
+
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        let mut tile = self.source.draw(rect);
+        if let Some(most) = self.max_layers {
+            tile = first_layers(tile, self.samples(), most);
+        }
+        for boundary in &mut tile.boundaries {
+            boundary.opacity *= self.opacity;
+            if boundary.leaf != boundary.body {
+                match self.cut {
+                    CutColour::Cutter => {}
+                    CutColour::Leaf => {
+                        boundary.colour = *self.leaf_colours.get(boundary.body as usize).unwrap_or(&boundary.colour);
+                    }
+                    CutColour::Set(colour) => boundary.colour = colour,
+                }
+            }
+        }
+        tile
+    }
+}
+
+/// The first `most` boundaries that each sample sees.
+fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
+    let mut kept = Vec::with_capacity(tile.boundaries.len());
+    let mut from = 0;
+    for pixel in 1..tile.offsets.len() {
+        let to = tile.offsets[pixel] as usize;
+        let mut seen = [0u32; MAX_SAMPLES as usize];
+        for boundary in &tile.boundaries[from..to] {
+            let mut boundary = *boundary;
+            for (sample, seen) in seen[..samples as usize].iter_mut().enumerate() {
+                if boundary.samples >> sample & 1 == 1 {
+                    *seen += 1;
+                    if *seen > most {
+                        boundary.samples &= !(1 << sample);
+                    }
+                }
+            }
+            if boundary.samples & (u16::MAX >> (MAX_SAMPLES - samples)) != 0 {
+                kept.push(boundary);
+            }
+        }
+        from = to;
+        tile.offsets[pixel] = kept.len() as u32;
+    }
+    tile.boundaries = kept;
+    tile
+}

@@ -1,0 +1,110 @@
+//! The picture in strips of tile rows, each with the rows around it that lines and loose hands reach into.
+//!
+//! *Practice.* Lines need their neighbours' layers, and whole layers of a large picture do not fit in memory. A strip holds
+//! about [`STRIP_PIXELS`] pixels' layers and one row of tiles above and below; the rows that the next strip needs too are
+//! handed on, so that no tile is drawn twice.
+
+use rayon::prelude::*;
+
+use super::edges::Detector;
+use super::facets::FacetStrip;
+use super::strokes::{EdgeStrip, LineMaps, Stroke, reach_px};
+use crate::layers::{LayerSource, LayerTile, TILE_SIDE};
+use crate::scene::style::{LineSettings, SketchSettings, Style, WIDEST_LINE_PX};
+use crate::space::{Camera, PixelRect};
+
+/// Pixels of a strip, the rows around it not counted.
+const STRIP_PIXELS: usize = 1 << 20;
+
+// Whatever a pixel looks at lies in its tile or in one beside it.
+const _: () = assert!(SketchSettings::MOST_OFFSET_PX * std::f32::consts::SQRT_2 + WIDEST_LINE_PX < TILE_SIDE as f32);
+
+/// Some rows of tiles, drawn, with their lines.
+#[derive(Debug)]
+pub(super) struct Strip {
+    /// Tiles side by side.
+    pub across: usize,
+    /// The tiles that are this strip's own, by index; the others are around them.
+    pub own: std::ops::Range<usize>,
+    /// Row by row.
+    pub tiles: Vec<LayerTile>,
+    /// The lines of each tile; none in styles without lines.
+    pub lines: Vec<LineMaps>,
+}
+
+impl Strip {
+    /// The tiles beside tile `index`, itself among them.
+    pub fn around(&self, index: usize) -> impl Iterator<Item = usize> {
+        around(index, self.across, self.tiles.len())
+    }
+}
+
+/// Indices of the up to nine tiles around `index`, of `count` in rows of `across`.
+fn around(index: usize, across: usize, count: usize) -> impl Iterator<Item = usize> {
+    let (row, column) = (index / across, index % across);
+    let rows = row.saturating_sub(1)..=(row + 1).min(count / across - 1);
+    rows.flat_map(move |r| (column.saturating_sub(1)..=(column + 1).min(across - 1)).map(move |c| r * across + c))
+}
+
+/// Draws `source` strip by strip, from the top, and hands each to `use_strip`. `heavy` says by leaf whether its outline is
+/// drawn stronger. `on_tile` is called once for each tile.
+pub(super) fn for_each_strip(
+    source: &dyn LayerSource,
+    style: &Style,
+    heavy: &[bool],
+    on_tile: &(dyn Fn() + Sync),
+    mut use_strip: impl FnMut(&Strip),
+) {
+    let camera = source.camera();
+    let rects = PixelRect::tiles(camera.width, camera.height, TILE_SIDE);
+    let across = camera.width.div_ceil(TILE_SIDE) as usize;
+    let rows = rects.len() / across;
+    let rows_a_strip = (STRIP_PIXELS / (across * (TILE_SIDE * TILE_SIDE) as usize)).max(1);
+    let mut kept: Vec<LayerTile> = Vec::new();
+    let mut first_kept = 0;
+    for first in (0..rows).step_by(rows_a_strip) {
+        let last = (first + rows_a_strip).min(rows);
+        let (outer_first, outer_last) = (first.saturating_sub(1), (last + 1).min(rows));
+        // 1. Rows that the strip before drew, and those that it did not.
+        kept.drain(..(outer_first - first_kept) * across);
+        first_kept = outer_first;
+        let drawn = outer_first * across + kept.len();
+        let new: Vec<LayerTile> = rects[drawn..outer_last * across]
+            .par_iter()
+            .map(|rect| {
+                let tile = source.draw(*rect);
+                on_tile();
+                tile
+            })
+            .collect();
+        kept.extend(new);
+        // 2. Their lines.
+        let tiles = std::mem::take(&mut kept);
+        let lines =
+            if style.kind.has_lines() { lines(&tiles, camera, source.samples(), style, heavy) } else { Vec::new() };
+        let own = (first - outer_first) * across..(last - outer_first) * across;
+        let strip = Strip { across, own, tiles, lines };
+        use_strip(&strip);
+        kept = strip.tiles;
+    }
+}
+
+fn lines(tiles: &[LayerTile], camera: &Camera, samples: u32, style: &Style, heavy: &[bool]) -> Vec<LineMaps> {
+    let settings = LineSettings { width_px: style.lines.width_px.clamp(0.0, WIDEST_LINE_PX), ..style.lines };
+    let tiles: Vec<&LayerTile> = tiles.iter().collect();
+    let facets = FacetStrip::new(&tiles, camera, samples);
+    let detector = Detector::new(&facets, &settings, heavy);
+    let count = facets.len();
+    let points = (0..count).into_par_iter().map(|index| detector.tile(index)).collect();
+    let edges = EdgeStrip { across: facets.across, rects: (0..count).map(|i| facets.rect(i)).collect(), tiles: points };
+    let strokes: Vec<Vec<Stroke>> = (0..count).into_par_iter().map(|i| edges.strokes(i, &settings)).collect();
+    let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
+    debug_assert!(reach_px(&settings) < TILE_SIDE as f32);
+    (0..count)
+        .into_par_iter()
+        .map(|i| {
+            let near = around(i, facets.across, count).flat_map(|tile| &strokes[tile]);
+            LineMaps::draw(facets.rect(i), near, most, &settings)
+        })
+        .collect()
+}

@@ -1,0 +1,269 @@
+//! Edge points into lines: smoothed along the line, drawn one stroke a point, anti-aliased.
+//!
+//! *Practice.* Points whose surfaces say where the line runs lie on it already; those that know only their pair of pixels
+//! make a staircase. Either kind is moved onto the line that its neighbours fit, which leaves the first where they are and
+//! takes the steps out of the second. A point with too few neighbours is a speck of noise and draws nothing. A stroke is a
+//! little longer than the distance between points, so that a line has no gaps whatever its slope; strokes of one layer are
+//! joined by the stronger, so that overlapping ones are no darker.
+//!
+//! Dashes need the length along a line, which no pixel knows. Directions are taken in steps of 180° / [`DASH_DIRECTIONS`]
+//! instead: along one of them the position in the picture *is* the length, to a cosine of half a step. A straight line has
+//! even dashes; a bend has one uneven dash a step.
+
+use std::f32::consts::PI;
+
+use glam::Vec2;
+
+use super::edges::{EdgePoint, EdgePoints};
+use crate::layers::TILE_SIDE;
+use crate::scene::style::LineSettings;
+use crate::space::PixelRect;
+
+/// Points this many pixels away, by column and by row, take part in smoothing.
+const NEAR_PX: u32 = 3;
+/// Weight of a neighbour by its distance: a Gaussian of this width.
+const SMOOTH_PX: f32 = 1.5;
+/// Neighbours of lines that run another way do not take part: cosine between the two.
+const SAME_WAY: f32 = 0.85;
+/// A point with fewer neighbours than this is a speck.
+const FEWEST_NEIGHBOURS: usize = 3;
+/// A stroke is whole for this long to either side, in pixels, and then fades: points lie at most a pixel apart.
+const WHOLE_PX: f32 = 0.5;
+/// …until here.
+const FADED_PX: f32 = 0.9;
+/// Directions that dashes tell apart.
+const DASH_DIRECTIONS: f32 = 16.0;
+/// How much wider heavy lines are.
+const HEAVY: f32 = 2.0;
+
+/// A piece of a line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stroke {
+    /// Its middle, in pixels.
+    pub at: Vec2,
+    /// Unit vector along it.
+    along: Vec2,
+    depth: f32,
+    /// Its surface's layer.
+    pub layer: u16,
+    /// One past the last layer that it is drawn in.
+    pub until: u16,
+    strength: f32,
+    width: f32,
+}
+
+/// The edge points of some rows of tiles.
+#[derive(Debug)]
+pub(super) struct EdgeStrip {
+    /// Tiles side by side.
+    pub across: usize,
+    /// The pixels of each tile.
+    pub rects: Vec<PixelRect>,
+    /// Their points.
+    pub tiles: Vec<EdgePoints>,
+}
+
+impl EdgeStrip {
+    /// The points between pixel (`x`, `y`) and those to its right and below it; none outside of the strip.
+    #[inline]
+    fn at(&self, x: u32, y: u32) -> &[EdgePoint] {
+        let (first, last) = (self.rects[0], self.rects[self.rects.len() - 1]);
+        if x >= last.x1 || y < first.y0 || y >= last.y1 {
+            return &[];
+        }
+        let index = ((y - first.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
+        let (tile, rect) = (&self.tiles[index], &self.rects[index]);
+        if tile.offsets.is_empty() {
+            return &[];
+        }
+        let pixel = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
+        &tile.points[tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize]
+    }
+
+    /// The strokes of tile `index`.
+    pub fn strokes(&self, index: usize, settings: &LineSettings) -> Vec<Stroke> {
+        let (tile, rect) = (&self.tiles[index], &self.rects[index]);
+        let mut strokes = Vec::with_capacity(tile.points.len());
+        let mut near = Vec::new();
+        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
+            if of_pixel[0] == of_pixel[1] {
+                continue;
+            }
+            let (x, y) = (rect.x0 + pixel as u32 % rect.width(), rect.y0 + pixel as u32 / rect.width());
+            for point in &tile.points[of_pixel[0] as usize..of_pixel[1] as usize] {
+                near.clear();
+                for row in y.saturating_sub(NEAR_PX)..=y + NEAR_PX {
+                    for column in x.saturating_sub(NEAR_PX)..=x + NEAR_PX {
+                        let overlaps = |other: &&EdgePoint| other.layer < point.until && point.layer < other.until;
+                        near.extend(self.at(column, row).iter().filter(overlaps));
+                    }
+                }
+                strokes.extend(stroke(point, &near, settings));
+            }
+        }
+        strokes
+    }
+}
+
+/// The stroke at `point`, whose neighbours, itself among them, are `near`; `None` for a speck.
+fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Option<Stroke> {
+    if near.len() <= FEWEST_NEIGHBOURS {
+        return None;
+    }
+    let weight = |p: &EdgePoint| (-p.at.distance_squared(point.at) / (2.0 * SMOOTH_PX * SMOOTH_PX)).exp();
+    let alike = |p: &&EdgePoint| p.kind == point.kind;
+    // The direction: of the surfaces where they know it, else of the points.
+    let mut across = if point.across == Vec2::ZERO {
+        let (mut sum, mut middle) = (0.0, Vec2::ZERO);
+        for p in near.iter().filter(alike) {
+            sum += weight(p);
+            middle += weight(p) * p.at;
+        }
+        middle /= sum;
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for p in near.iter().filter(alike) {
+            let (w, d) = (weight(p), p.at - middle);
+            (xx, xy, yy) = (xx + w * d.x * d.x, xy + w * d.x * d.y, yy + w * d.y * d.y);
+        }
+        // Half the angle of (xx − yy, 2 xy) is the longer axis; across it is a quarter turn on.
+        let angle = 0.5 * f32::atan2(2.0 * xy, xx - yy) + 0.5 * PI;
+        if !angle.is_finite() {
+            return None;
+        }
+        Vec2::from_angle(angle)
+    } else {
+        point.across
+    };
+    let same_way = |p: &EdgePoint| p.across == Vec2::ZERO || p.across.dot(across).abs() > SAME_WAY;
+    let (mut sum, mut aside, mut mean) = (0.0, 0.0, Vec2::ZERO);
+    for p in near.iter().filter(alike).filter(|p| same_way(p)) {
+        let w = weight(p);
+        sum += w;
+        aside += w * across.dot(p.at - point.at);
+        let side = if p.across.dot(across) < 0.0 { -1.0 } else { 1.0 };
+        mean += w * side * p.across;
+    }
+    if sum > 0.0 {
+        // Along a straight line this moves nothing but the points that are off it.
+        let at_side = aside / sum;
+        if point.across != Vec2::ZERO {
+            across = mean.normalize_or(across);
+        }
+        let at = point.at + across * at_side;
+        return Some(Stroke {
+            at,
+            along: across.perp(),
+            depth: point.depth,
+            layer: point.layer,
+            until: point.until,
+            strength: point.strength,
+            width: settings.width_px * if point.heavy { HEAVY } else { 1.0 },
+        });
+    }
+    None
+}
+
+/// How far from its middle a stroke can ink a pixel, in pixels.
+pub(super) fn reach_px(settings: &LineSettings) -> f32 {
+    0.5 * HEAVY * settings.width_px + FADED_PX + 1.0
+}
+
+/// The lines of one layer over one tile.
+#[derive(Debug, Clone)]
+pub(super) struct LineMap {
+    /// By pixel: 0 to 1.
+    pub ink: Vec<f32>,
+    /// By pixel: depth of the nearest line; +∞ where there is none.
+    pub depth: Vec<f32>,
+}
+
+/// The lines of one tile, by layer.
+#[derive(Debug, Default)]
+pub(super) struct LineMaps {
+    layers: Vec<Option<LineMap>>,
+}
+
+impl LineMaps {
+    /// Layers in which there may be lines.
+    pub fn len(&self) -> usize {
+        self.layers.len()
+    }
+
+    /// The lines of layer `layer`; `None` where there is none.
+    pub fn layer(&self, layer: usize) -> Option<&LineMap> {
+        self.layers.get(layer)?.as_ref()
+    }
+
+    /// Draws `strokes` into the tile over `rect`, in layers below `most`.
+    pub fn draw<'a>(
+        rect: PixelRect,
+        strokes: impl Iterator<Item = &'a Stroke>,
+        most: usize,
+        settings: &LineSettings,
+    ) -> Self {
+        let mut maps = Self::default();
+        let reach = reach_px(settings);
+        let (low, high) = (
+            Vec2::new(rect.x0 as f32 - reach, rect.y0 as f32 - reach),
+            Vec2::new(rect.x1 as f32 + reach, rect.y1 as f32 + reach),
+        );
+        for stroke in strokes.filter(|s| s.at.cmpge(low).all() && s.at.cmple(high).all()) {
+            let until = usize::from(stroke.until).min(most);
+            if maps.layers.len() < until {
+                maps.layers.resize(until, None);
+            }
+            for layer in usize::from(stroke.layer)..until {
+                let map = maps.layers[layer].get_or_insert_with(|| LineMap {
+                    ink: vec![0.0; rect.area()],
+                    depth: vec![f32::INFINITY; rect.area()],
+                });
+                let dash = settings.hidden_dash_px.filter(|_| layer > 0);
+                map.draw(rect, stroke, dash);
+            }
+        }
+        maps
+    }
+}
+
+impl LineMap {
+    fn draw(&mut self, rect: PixelRect, stroke: &Stroke, dash: Option<[f32; 2]>) {
+        let half = 0.5 * stroke.width;
+        let reach = (half + 0.5).max(FADED_PX);
+        let bound = |at: f32, low: u32, high: u32| {
+            let first = (at - reach - 0.5).ceil().max(low as f32) as u32;
+            let last = (at + reach - 0.5).floor();
+            first..if last < low as f32 { first } else { (last as u32 + 1).min(high) }
+        };
+        for y in bound(stroke.at.y, rect.y0, rect.y1) {
+            for x in bound(stroke.at.x, rect.x0, rect.x1) {
+                let from_middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - stroke.at;
+                let aside = stroke.along.perp_dot(from_middle).abs();
+                let ahead = stroke.along.dot(from_middle).abs();
+                // A line of `width` through a pixel's box covers so much of it; a hair line is pale, not thin.
+                let covered = (half + 0.5 - aside).clamp(0.0, stroke.width.min(1.0));
+                // Round ends, so that wide strokes meet in corners.
+                let end =
+                    ((FADED_PX + half - 0.5 - ahead).max(FADED_PX - ahead) / (FADED_PX - WHOLE_PX)).clamp(0.0, 1.0);
+                let mut ink = covered * end * stroke.strength;
+                if let Some(dash) = dash {
+                    ink *= dash_at(Vec2::new(x as f32, y as f32), stroke.along, dash);
+                }
+                if ink > 0.0 {
+                    let index = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
+                    self.ink[index] = self.ink[index].max(ink);
+                    self.depth[index] = self.depth[index].min(stroke.depth);
+                }
+            }
+        }
+    }
+}
+
+/// Whether position `at` of a line along `along` is in a dash: 1, in a gap: 0, between at their borders.
+fn dash_at(at: Vec2, along: Vec2, [dash, gap]: [f32; 2]) -> f32 {
+    let step = PI / DASH_DIRECTIONS;
+    let direction = Vec2::from_angle((along.to_angle() / step).round() * step);
+    // Lines have no direction: one half of the circle stands for both.
+    let direction = if direction.y < -0.5 * step.sin() || direction.x < -1.0 + 1e-4 { -direction } else { direction };
+    let phase = at.dot(direction).rem_euclid(dash + gap);
+    (0.5 + phase).min(0.5 + dash - phase).max(0.5 + phase - dash - gap).clamp(0.0, 1.0)
+}

@@ -1,0 +1,194 @@
+//! How the result is drawn, as the user says it: the `[style]` table of a scene and the flags of the same names.
+
+use super::colour::linear_from_bytes;
+
+/// The styles (Nienhaus et al., Blueprint CSG and Sketchy CSG, 2006; the first two are everybody's).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StyleKind {
+    /// Lit surfaces.
+    #[default]
+    Shaded,
+    /// Lit surfaces that let deeper ones through.
+    Transparent,
+    /// The edges of every layer, and a tint that is deeper where more layers lie behind each other.
+    Blueprint,
+    /// The edges of every layer alone.
+    Wireframe,
+    /// Transparent surfaces with the edges of every layer.
+    EdgeTransparent,
+    /// As edge-transparent, drawn by a loose hand.
+    Sketchy,
+}
+
+impl StyleKind {
+    /// All styles.
+    pub const ALL: [Self; 6] =
+        [Self::Shaded, Self::Transparent, Self::Blueprint, Self::Wireframe, Self::EdgeTransparent, Self::Sketchy];
+
+    /// The name in files and flags.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Shaded => "shaded",
+            Self::Transparent => "transparent",
+            Self::Blueprint => "blueprint",
+            Self::Wireframe => "wireframe",
+            Self::EdgeTransparent => "edge-transparent",
+            Self::Sketchy => "sketchy",
+        }
+    }
+
+    /// One line of help.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Shaded => "Lit surfaces",
+            Self::Transparent => "Lit surfaces that let deeper ones through",
+            Self::Blueprint => "Edges of every layer, tinted by how many layers lie behind each other",
+            Self::Wireframe => "Edges of every layer alone",
+            Self::EdgeTransparent => "Transparent surfaces with the edges of every layer",
+            Self::Sketchy => "Edges and surfaces drawn by a loose hand",
+        }
+    }
+
+    /// Whether the style draws lines.
+    pub fn has_lines(self) -> bool {
+        !matches!(self, Self::Shaded | Self::Transparent)
+    }
+}
+
+/// Whose colour a cut face has: where a cutter's surface bounds the result.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum CutColour {
+    /// The cutter's.
+    #[default]
+    Cutter,
+    /// That of the leaf that was cut.
+    Leaf,
+    /// One colour, linear RGB.
+    Set([f32; 3]),
+}
+
+/// How hidden lines may be drawn, by name: lengths of a dash and a gap in pixels.
+pub const HIDDEN_LINES: [(&str, Option<[f32; 2]>); 3] =
+    [("solid", None), ("dashed", Some([7.0, 5.0])), ("dotted", Some([1.5, 3.5]))];
+
+/// Lines are at most this wide, so that those of one tile end in the next.
+pub const WIDEST_LINE_PX: f32 = 16.0;
+
+/// Where lines stand and how they look.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LineSettings {
+    /// Width in pixels.
+    pub width_px: f32,
+    /// Surfaces of two neighbouring pixels are apart where one is deeper than the other's tangent plane by more than this
+    /// many footprints.
+    pub jump_px: f32,
+    /// Two surfaces that meet at more than this angle meet in a crease; degrees.
+    pub crease_degrees: f32,
+    /// Length of a dash and of the gap after it, in pixels, of lines that a nearer layer hides; `None` draws them whole.
+    pub hidden_dash_px: Option<[f32; 2]>,
+    /// Linear RGB; `None` is the style's own.
+    pub ink: Option<[f32; 3]>,
+}
+
+impl Default for LineSettings {
+    fn default() -> Self {
+        Self { width_px: 1.0, jump_px: 3.0, crease_degrees: 25.0, hidden_dash_px: None, ink: None }
+    }
+}
+
+/// How loose the hand of the sketchy style is: image-space noise, and two 2×2 matrices that turn its two values into
+/// offsets in pixels (Sketchy §4).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SketchSettings {
+    /// Offset of the edges, in pixels for a noise of 1: rows of a 2×2 matrix.
+    pub edge_px: [[f32; 2]; 2],
+    /// Offset of the surfaces.
+    pub shade_px: [[f32; 2]; 2],
+    /// Distance over which the noise changes, in pixels.
+    pub wavelength_px: f32,
+    /// Which noise.
+    pub seed: u32,
+}
+
+impl SketchSettings {
+    /// Offsets are held below this, so that a strip of tiles around a row of them is all that a picture needs.
+    pub const MOST_OFFSET_PX: f32 = 32.0;
+    /// The noise is computed every eighth pixel.
+    pub const LEAST_WAVELENGTH_PX: f32 = 16.0;
+}
+
+impl Default for SketchSettings {
+    /// Edges and surfaces go opposite ways, which is what makes the drawing look as if coloured after it was inked.
+    fn default() -> Self {
+        Self { edge_px: [[5.0, 0.0], [0.0, 5.0]], shade_px: [[-7.0, 2.0], [-2.0, -7.0]], wavelength_px: 90.0, seed: 1 }
+    }
+}
+
+/// A style with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Style {
+    /// Which.
+    pub kind: StyleKind,
+    /// Opacity of a surface, by which its leaf's opacity is multiplied (transparent, edge-transparent, sketchy); 0 to 1.
+    pub opacity: f32,
+    /// Opacity of a surface in a blueprint: how much each layer tints; 0 to 1.
+    pub tint: f32,
+    /// How much weaker the ink of each layer is than that of the layer before it; 0 to 1.
+    pub fade: f32,
+    /// Lines.
+    pub lines: LineSettings,
+    /// Sketchy alone.
+    pub sketch: SketchSettings,
+    /// Whose colour cut faces have.
+    pub cut_colour: CutColour,
+    /// Layers drawn at most.
+    pub max_layers: Option<u32>,
+}
+
+impl Default for Style {
+    fn default() -> Self {
+        Self::of(StyleKind::default())
+    }
+}
+
+impl Style {
+    /// The style `kind` with parameters that suit it.
+    pub fn of(kind: StyleKind) -> Self {
+        Self {
+            kind,
+            opacity: if kind == StyleKind::Shaded { 1.0 } else { 0.4 },
+            tint: 0.12,
+            fade: if matches!(kind, StyleKind::Blueprint | StyleKind::Wireframe) { 0.25 } else { 0.0 },
+            lines: LineSettings::default(),
+            sketch: SketchSettings::default(),
+            cut_colour: CutColour::default(),
+            max_layers: None,
+        }
+    }
+
+    /// The paper that the style is drawn on where the user names no background; linear RGB and alpha.
+    pub fn paper(&self) -> Option<[f32; 4]> {
+        /// The blue of cyanotypes.
+        const BLUE: [u8; 3] = [22, 58, 112];
+        let [r, g, b] = match self.kind {
+            StyleKind::Blueprint => linear_from_bytes(BLUE),
+            StyleKind::Wireframe => [1.0; 3],
+            _ => return None,
+        };
+        Some([r, g, b, 1.0])
+    }
+
+    /// The colour of lines; linear RGB.
+    pub fn ink(&self) -> [f32; 3] {
+        const CHALK: [u8; 3] = [226, 238, 250];
+        const GRAPHITE: [u8; 3] = [28, 30, 36];
+        self.lines
+            .ink
+            .unwrap_or_else(|| linear_from_bytes(if self.kind == StyleKind::Blueprint { CHALK } else { GRAPHITE }))
+    }
+
+    /// Whether deeper layers than the nearest opaque one show.
+    pub fn needs_all_layers(&self) -> bool {
+        self.kind != StyleKind::Shaded
+    }
+}
