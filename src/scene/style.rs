@@ -157,7 +157,7 @@ impl Style {
         Self {
             kind,
             opacity: if kind == StyleKind::Shaded { 1.0 } else { 0.4 },
-            tint: 0.12,
+            tint: 0.08,
             fade: if matches!(kind, StyleKind::Blueprint | StyleKind::Wireframe) { 0.25 } else { 0.0 },
             lines: LineSettings::default(),
             sketch: SketchSettings::default(),

@@ -4,7 +4,7 @@
 //! [style]
 //! kind = "sketchy"            # shaded, transparent, blueprint, wireframe, edge-transparent, sketchy
 //! opacity = 0.4               # of every surface, times its leaf's
-//! tint = 0.12                 # blueprint: opacity of a surface
+//! tint = 0.08                 # blueprint: opacity of a surface
 //! fade = 0.25                 # how much weaker the ink of each layer is than that of the one before
 //! line_width = 1.5            # pixels
 //! crease = 25                 # degrees: surfaces that meet at more have a line
