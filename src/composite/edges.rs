@@ -214,12 +214,13 @@ impl<'a> Detector<'a> {
         let mut ends = (*p, *q, 0.0, 1.0);
         let mut turned = angle;
         if angle < self.crease {
+            // Towards a silhouette every body turns faster; only a turn that slows down again is a crease.
+            let (Some(before), Some(after)) = (before, after) else { return None };
             if !(angle >= PEAK * angle_before.max(angle_after)) {
                 return None;
             }
-            let (a, b) = (before.unwrap_or(*p), after.unwrap_or(*q));
-            turned = self::angle(&a, &b);
-            ends = (a, b, if before.is_some() { -1.0 } else { 0.0 }, if after.is_some() { 2.0 } else { 1.0 });
+            turned = self::angle(&before, &after);
+            ends = (before, after, -1.0, 2.0);
         }
         let strength = (turned / self.crease - 1.0) / (FULL_CREASE - 1.0);
         if !(strength > 0.0) {

@@ -8,6 +8,8 @@
 //! ink, which covers a share `e`: it lets (1−a)(1−e) through and adds e·ink + (1−e)·a·c. A blueprint's surface has the ink's
 //! colour and an opacity that only tints, so that many layers in a row are deeper in tone (the paper's depth complexity
 //! cueing); a wireframe's surface has none; edge × shade is black ink. Ink is weaker by the style's `fade` on each layer.
+//! The lines of two layers are taken to cover the same part of a pixel, as far as they go: an outline is an edge of every
+//! layer that ends at it, and blending it so many times over would make it wider and its borders hard.
 //!
 //! *Practice.* With several samples a pixel, each sample's layers are counted and blended on their own; lines are a pixel's.
 //! The picture's depth is that of the nearest thing that shows: a surface that is not quite clear, or ink that covers half
@@ -85,12 +87,15 @@ pub(super) struct Inks {
     kept: f32,
     /// Whether surfaces have the ink's colour.
     tints: bool,
+    /// Layers drawn at most.
+    pub most: usize,
 }
 
 impl Inks {
     pub fn new(style: &Style) -> Self {
         let tints = matches!(style.kind, StyleKind::Blueprint | StyleKind::Wireframe);
-        Self { colour: style.ink(), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints }
+        let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
+        Self { colour: style.ink(), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints, most }
     }
 
     /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities.
@@ -107,7 +112,10 @@ impl Inks {
 /// What a ray has gathered so far, front to back.
 pub(super) struct Gathered {
     light: [f32; 3],
+    /// What the surfaces so far let through.
     through: f32,
+    /// The share of the pixel that ink covers so far.
+    inked: f32,
     depth: f32,
     /// Strength of the next layer's ink.
     strength: f32,
@@ -115,7 +123,7 @@ pub(super) struct Gathered {
 
 impl Gathered {
     pub fn new() -> Self {
-        Self { light: [0.0; 3], through: 1.0, depth: f32::INFINITY, strength: 1.0 }
+        Self { light: [0.0; 3], through: 1.0, inked: 0.0, depth: f32::INFINITY, strength: 1.0 }
     }
 
     /// Adds a layer: ink that covers a share `ink` at `ink_depth`, over a surface of *premultiplied* colour and alpha.
@@ -128,12 +136,13 @@ impl Gathered {
                 self.depth = ink_depth.min(surface_depth);
             }
         }
-        let ink = ink * self.strength;
-        let (under_ink, inked) = (self.through * (1.0 - ink), self.through * ink);
+        let inked = self.inked.max(ink * self.strength);
+        let (fresh, bare) = (self.through * (inked - self.inked), self.through * (1.0 - inked));
         for c in 0..3 {
-            self.light[c] += inked * inks.colour[c] + under_ink * surface[c];
+            self.light[c] += fresh * inks.colour[c] + bare * surface[c];
         }
-        self.through = under_ink * (1.0 - surface[3]);
+        self.inked = inked;
+        self.through *= 1.0 - surface[3];
         self.strength *= inks.kept;
     }
 
@@ -141,6 +150,12 @@ impl Gathered {
     #[inline]
     pub fn is_opaque(&self) -> bool {
         self.through <= 0.0
+    }
+
+    /// The share of what lies behind that shows.
+    #[inline]
+    fn transmitted(&self) -> f32 {
+        self.through * (1.0 - self.inked)
     }
 }
 
@@ -158,7 +173,7 @@ fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
 impl Gathered {
     /// Over `background`: linear RGB, straight alpha; and the depth.
     pub fn finish(&self, background: [f32; 4]) -> ([f32; 4], f32) {
-        (over(self.light, self.through, background), self.depth)
+        (over(self.light, self.transmitted(), background), self.depth)
     }
 }
 
@@ -199,7 +214,7 @@ fn compose(
                 let [r, g, b, a] = surfaces[index];
                 gathered.add(inks, ink, ink_depth, [a * r, a * g, a * b, a], boundary.depth);
                 layer += 1;
-                if gathered.is_opaque() {
+                if gathered.is_opaque() || layer >= inks.most {
                     break;
                 }
             }
@@ -210,7 +225,7 @@ fn compose(
                 layer += 1;
             }
             (0..3).for_each(|c| light[c] += gathered.light[c]);
-            through += gathered.through;
+            through += gathered.transmitted();
             depth[pixel] = depth[pixel].min(gathered.depth);
         }
         let share = 1.0 / samples as f32;

@@ -15,6 +15,8 @@ mod sketchy;
 mod strip;
 mod strokes;
 mod styled;
+#[cfg(test)]
+mod tests;
 
 pub use picture::Picture;
 pub use shaded::{Look, shaded, shaded_stack};

@@ -23,8 +23,9 @@ impl<'a> Recoloured<'a> {
             StyleKind::Blueprint => style.tint,
             StyleKind::Wireframe => 0.0,
         };
-        // An opaque picture has no second layer to leave out.
-        let max_layers = style.max_layers.filter(|_| style.needs_all_layers());
+        // An opaque picture has no second layer to leave out, and lines are found with the layers behind the last one drawn:
+        // a front's outline is where its back ends too.
+        let max_layers = style.max_layers.filter(|_| style.kind == StyleKind::Transparent);
         Self { source, opacity, cut: style.cut_colour, leaf_colours, max_layers }
     }
 

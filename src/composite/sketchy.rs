@@ -210,13 +210,16 @@ impl Window {
                     let pixel = ((y - tile.rect.y0) * tile.rect.width() + (x - tile.rect.x0)) as usize;
                     let place = (y as i32 - y0) as usize * across + (x as i32 - x0) as usize;
                     let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                    let mut seen = [0u8; crate::layers::MAX_SAMPLES as usize];
+                    let mut seen = [0u16; crate::layers::MAX_SAMPLES as usize];
                     for index in of_pixel {
                         let boundary = &tile.boundaries[index];
                         let [r, g, b, a] = surfaces[index];
                         // A boundary may be the k-th of one sample and another of the next.
                         for sample in (0..samples).filter(|s| boundary.samples >> s & 1 == 1) {
                             let layer = &mut seen[sample as usize];
+                            if usize::from(*layer) >= inks.most {
+                                continue;
+                            }
                             let share = a / samples as f32;
                             let of_layer = window.layer(usize::from(*layer), down);
                             let colour = &mut of_layer.colour[place];

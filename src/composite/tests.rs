@@ -1,0 +1,269 @@
+//! Lines against edges that are known exactly, and layers against the closed form.
+
+use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
+
+use super::layered::{Gathered, Inks};
+use super::*;
+use crate::csg::{LeafId, Tree};
+use crate::geometry::Solid;
+use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerStack};
+use crate::reference::{Reference, TruthLeaf, TruthShape};
+use crate::scene::Light;
+use crate::scene::style::{LineSettings, Style, StyleKind};
+use crate::space::{Camera, Lens, Projection};
+
+const WHITE: [f32; 4] = [1.0; 4];
+
+fn camera(lens: Lens, width: u32, height: u32) -> Camera {
+    Camera::look_at(DVec3::new(2.1, -4.3, 2.7), DVec3::ZERO, DVec3::Z, lens, width, height).unwrap()
+}
+
+fn of_solid(solid: Solid, turn: DQuat, camera: Camera) -> Reference {
+    let leaf = TruthLeaf { world_from_leaf: DAffine3::from_quat(turn), ..TruthLeaf::new(0, TruthShape::Solid(solid)) };
+    Reference::new(vec![leaf], Tree::leaf(LeafId(0)), camera, 1, LayerLimit::All).unwrap()
+}
+
+/// Black lines of full strength on white.
+fn plain_lines() -> Style {
+    let lines = LineSettings { ink: Some([0.0; 3]), ..LineSettings::default() };
+    Style { lines, fade: 0.0, ..Style::of(StyleKind::Wireframe) }
+}
+
+fn drawn(source: &dyn LayerSource, style: &Style) -> Picture {
+    styled(source, &Look { light: Light::default(), background: WHITE }, style, Leaves::default(), &|| ())
+}
+
+/// Ink of a picture of black lines on white.
+fn ink(picture: &Picture, x: u32, y: u32) -> f32 {
+    1.0 - picture.at(x, y)[0]
+}
+
+fn distance_to_segment(p: DVec2, [a, b]: [DVec2; 2]) -> f64 {
+    let along = (p - a).dot(b - a) / (b - a).length_squared();
+    p.distance(a.lerp(b, along.clamp(0.0, 1.0)))
+}
+
+/// Where lines lie anywhere between pixels: one a pixel wide has its ink a third of a pixel from its middle on average.
+const ANYWHERE: f64 = 0.4;
+/// Where lines lie on the borders between pixels, all ink is half a pixel off.
+const ON_BORDERS: f64 = 0.51;
+
+/// Holds the lines of `picture` against `segments`, in pixels: no ink far from them, on average at most `most_off` from
+/// their middle, no gap in them.
+fn assert_drawn(picture: &Picture, segments: &[[DVec2; 2]], most_off: f64) {
+    let (mut off, mut inked) = (0.0, 0.0);
+    for y in 0..picture.height {
+        for x in 0..picture.width {
+            let ink = f64::from(ink(picture, x, y));
+            if ink < 0.05 {
+                continue;
+            }
+            let centre = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let away = segments.iter().map(|s| distance_to_segment(centre, *s)).fold(f64::INFINITY, f64::min);
+            assert!(away < 1.6, "ink {ink:.2} at {x}, {y}, {away:.2} px from every edge");
+            (off, inked) = (off + ink * away, inked + ink);
+        }
+    }
+    assert!(off / inked < most_off, "ink is {:.3} px off on average", off / inked);
+    let (mut gaps, mut steps) = (0, 0);
+    for [a, b] in segments {
+        let count = (a.distance(*b) * 2.0).ceil() as u32;
+        for i in 0..=count {
+            let p = a.lerp(*b, f64::from(i) / f64::from(count));
+            let (x, y) = (p.x.floor() as i32, p.y.floor() as i32);
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            let strongest = near
+                .filter(|&(x, y)| x >= 0 && y >= 0 && x < picture.width as i32 && y < picture.height as i32)
+                .map(|(x, y)| ink(picture, x as u32, y as u32))
+                .fold(0.0, f32::max);
+            steps += 1;
+            gaps += u32::from(strongest < 0.4);
+        }
+    }
+    assert_eq!(gaps, 0, "of {steps} places along the edges");
+}
+
+#[test]
+fn the_twelve_edges_of_a_box_are_drawn_where_they_are() {
+    for (lens, degrees) in [(Lens::FovY(38.0), 0.0), (Lens::Height(4.0), 17.0), (Lens::FovY(30.0), 41.0)] {
+        let camera = camera(lens, 260, 220);
+        let turn = DQuat::from_rotation_z(f64::to_radians(degrees)) * DQuat::from_rotation_x(0.1);
+        let half = DVec3::new(0.9, 0.7, 0.55);
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            let p = turn * (half * DVec3::new(sign(0), sign(1), sign(2)));
+            camera.px_from_view(camera.view_from_world(p))
+        };
+        let edges = (0..8usize).flat_map(|i| (0..3).map(move |bit| (i, i | 1 << bit))).filter(|(i, j)| i != j);
+        let segments: Vec<[DVec2; 2]> = edges.map(|(i, j)| [corner(i), corner(j)]).collect();
+        assert_eq!(segments.len(), 12);
+        let source = of_solid(Solid::Box { min: -half, max: half }, turn, camera);
+        assert_drawn(&drawn(&source, &plain_lines()), &segments, ANYWHERE);
+    }
+}
+
+#[test]
+fn a_ball_is_drawn_as_a_circle_whatever_its_size() {
+    for radius_px in [6.0, 15.0, 40.0, 110.0] {
+        let camera = camera(Lens::Height(1.0), 256, 256);
+        let Projection::Orthographic { px_per_unit } = camera.projection else { unreachable!() };
+        let solid = Solid::Sphere { centre: DVec3::ZERO, radius: radius_px / px_per_unit };
+        let on_circle = |i: u32| {
+            let angle = f64::from(i) / 256.0 * std::f64::consts::TAU;
+            DVec2::splat(128.0) + radius_px * DVec2::from_angle(angle)
+        };
+        let segments: Vec<[DVec2; 2]> = (0..256).map(|i| [on_circle(i), on_circle(i + 1)]).collect();
+        let source = of_solid(solid, DQuat::IDENTITY, camera);
+        assert_drawn(&drawn(&source, &plain_lines()), &segments, ANYWHERE);
+    }
+}
+
+#[test]
+fn the_check_of_lines_can_fail() {
+    let camera = camera(Lens::Height(4.0), 120, 120);
+    let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
+    let picture = drawn(&source, &plain_lines());
+    let elsewhere = [[DVec2::new(10.0, 10.0), DVec2::new(110.0, 10.0)]];
+    assert!(std::panic::catch_unwind(|| assert_drawn(&picture, &elsewhere, ANYWHERE)).is_err());
+}
+
+#[test]
+fn strips_and_threads_leave_no_trace() {
+    // Several strips: a picture of a ball is its own mirror image, whose strips lie elsewhere.
+    let (width, height) = (4096, 640);
+    let middle = Vec3::new(0.5 * width as f32 - 0.5, 0.5 * height as f32 - 0.5, 0.0);
+    let radius = 300.0f32;
+    let camera = Camera::look_at(DVec3::NEG_Y * 9.0, DVec3::ZERO, DVec3::Z, Lens::Height(6.4), width, height).unwrap();
+    let of_pixel = |x: u32, y: u32| {
+        let aside = (Vec3::new(x as f32, y as f32, 0.0) - middle) / radius;
+        let squared = 1.0 - aside.length_squared();
+        if squared <= 0.0 {
+            return Vec::new();
+        }
+        let of_side = |facing: Facing| {
+            let towards = f32::from(facing as i8) * squared.sqrt();
+            let normal = Vec3::new(aside.x, -towards, -aside.y);
+            let depth = 9.0 - 3.0 * towards;
+            Boundary { depth, normal, colour: [0.5; 3], opacity: 1.0, leaf: 0, body: 0, facing, samples: 1 }
+        };
+        vec![of_side(Facing::Front), of_side(Facing::Back)]
+    };
+    let stack = LayerStack::from_fn(camera, 1, of_pixel);
+    let picture = drawn(&stack, &plain_lines());
+    let mut inked = 0.0;
+    for y in 0..height / 2 {
+        for x in 0..width {
+            let (here, there) = (ink(&picture, x, y), ink(&picture, width - 1 - x, height - 1 - y));
+            assert!((here - there).abs() < 0.02, "{here} at {x}, {y}, but {there} opposite");
+            inked += 2.0 * here;
+        }
+    }
+    let circle = std::f32::consts::TAU * radius;
+    assert!((inked / circle - 1.0).abs() < 0.1, "{inked} px of ink for a circle of {circle} px");
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for kind in StyleKind::ALL {
+        let style = Style::of(kind);
+        assert_eq!(one.install(|| drawn(&stack, &style)), drawn(&stack, &style), "{}", kind.name());
+    }
+}
+
+#[test]
+fn a_layer_is_its_surface_under_its_ink() {
+    let mut style = Style::of(StyleKind::EdgeTransparent);
+    style.lines.ink = Some([0.2, 0.1, 0.0]);
+    style.fade = 0.5;
+    let inks = Inks::new(&style);
+    let mut gathered = Gathered::new();
+    // Ink over a fifth of a red surface of opacity 0.4, and behind it a whole green one with a line at half strength.
+    gathered.add(&inks, 0.2, 1.0, [0.4, 0.0, 0.0, 0.4], 1.0);
+    gathered.add(&inks, 1.0, 2.0, [0.0, 0.25, 0.0, 0.25], 2.0);
+    let (colour, depth) = gathered.finish([0.0, 0.0, 1.0, 1.0]);
+    // The second line covers the fifth too, and three tenths more; behind both is half of the pixel.
+    let wanted =
+        [0.2 * 0.2 + 0.8 * 0.4 + 0.6 * 0.3 * 0.2, 0.2 * 0.1 + 0.6 * (0.3 * 0.1 + 0.5 * 0.25), 0.5 * 0.6 * 0.75, 1.0];
+    for (got, wanted) in colour.into_iter().zip(wanted) {
+        assert!((got - wanted).abs() < 1.0 / 255.0, "{colour:?} instead of {wanted}");
+    }
+    assert_eq!(depth, 1.0);
+}
+
+#[test]
+fn the_depth_is_that_of_what_shows() {
+    let camera = camera(Lens::Height(4.0), 120, 120);
+    let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
+    let nearest = LayerStack::collect(&source);
+    for kind in [StyleKind::Blueprint, StyleKind::EdgeTransparent] {
+        let picture = drawn(&source, &Style::of(kind));
+        let depth = picture.depth.as_ref().unwrap();
+        assert_eq!(depth[60 * 120 + 60], nearest.at(60, 60)[0].depth);
+        assert_eq!(depth[0], f32::INFINITY);
+    }
+    // A wireframe shows nothing inside of its lines.
+    let picture = drawn(&source, &plain_lines());
+    let depth = picture.depth.as_ref().unwrap();
+    assert_eq!(depth[60 * 120 + 60], f32::INFINITY);
+    assert!(depth.iter().any(|z| z.is_finite()));
+}
+
+#[test]
+fn edges_that_layers_share_coincide_in_a_sketch() {
+    // The outline of a ball is an edge of its front and of its back: with the front left out, the other's is in its place.
+    let camera = camera(Lens::Height(2.4), 200, 200);
+    let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
+    let style = |most| {
+        let mut style = Style { opacity: 0.0, max_layers: Some(most), ..Style::of(StyleKind::Sketchy) };
+        style.lines.ink = Some([0.0; 3]);
+        style
+    };
+    let (one, two) = (drawn(&source, &style(1)), drawn(&source, &style(2)));
+    let mut inked = 0;
+    for y in 0..200 {
+        for x in 0..200 {
+            let (a, b) = (ink(&one, x, y), ink(&two, x, y));
+            assert!((a - b).abs() < 1e-3, "{a} alone, {b} with the second layer");
+            inked += u32::from(a > 0.5);
+        }
+    }
+    assert!(inked > 300, "{inked} pixels of line");
+}
+
+#[test]
+fn a_sheets_border_is_a_line_and_a_flat_union_has_none() {
+    let camera = Camera::look_at(DVec3::NEG_Y * 5.0, DVec3::ZERO, DVec3::Z, Lens::Height(2.0), 100, 100).unwrap();
+    let normal = Vec3::NEG_Y;
+    let plane = |leaf: u32| Boundary {
+        depth: 5.0,
+        normal,
+        colour: [0.5; 3],
+        opacity: 1.0,
+        leaf,
+        body: leaf,
+        facing: Facing::Front,
+        samples: 1,
+    };
+    // Two coplanar leaves side by side; their border at column 50 is no edge of their union.
+    let stack = LayerStack::from_fn(camera, 1, |x, y| {
+        let inside = (20..80).contains(&x) && (20..80).contains(&y);
+        if inside { vec![plane(u32::from(x >= 50))] } else { Vec::new() }
+    });
+    let square = [DVec2::new(20.0, 20.0), DVec2::new(80.0, 20.0), DVec2::new(80.0, 80.0), DVec2::new(20.0, 80.0)];
+    let segments: Vec<[DVec2; 2]> = (0..4).map(|i| [square[i], square[(i + 1) % 4]]).collect();
+    assert_drawn(&drawn(&stack, &plain_lines()), &segments, ON_BORDERS);
+}
+
+#[test]
+fn hidden_lines_are_dashed_and_visible_ones_whole() {
+    let camera = camera(Lens::FovY(38.0), 260, 220);
+    let half = DVec3::splat(0.8);
+    let source = of_solid(Solid::Box { min: -half, max: half }, DQuat::IDENTITY, camera);
+    let mut style = plain_lines();
+    let visible = drawn(&source, &Style { max_layers: Some(1), ..style });
+    let whole = drawn(&source, &style);
+    style.lines.hidden_dash_px = Some([6.0, 6.0]);
+    let dashed = drawn(&source, &style);
+    let sum = |picture: &Picture| picture.pixels.iter().map(|p| 1.0 - p[0]).sum::<f32>();
+    let (visible, whole, dashed) = (sum(&visible), sum(&whole), sum(&dashed));
+    let share = (dashed - visible) / (whole - visible);
+    assert!(whole > 1.2 * visible, "{whole} px of ink, {visible} of it visible");
+    assert!((0.35..0.65).contains(&share), "{share} of the hidden lines is drawn, where half was asked for");
+}
