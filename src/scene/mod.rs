@@ -20,11 +20,13 @@ pub mod inspect;
 pub mod load;
 pub mod nearest_name;
 pub mod one_liner;
+pub mod represent;
 pub mod toml_file;
 mod toml_values;
 pub mod tree_json;
 
 pub use load::{LeafGeometry, LoadedScene, load};
+pub use represent::{RepresentError, Representation};
 
 /// Picture size where nobody asks for one: width, height in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (1024, 768);
@@ -85,6 +87,8 @@ pub struct Leaf {
     pub truth: Option<Truth>,
     /// Surfel spacing in world units for a sampled leaf, overriding the picture's needs.
     pub spacing: Option<f64>,
+    /// What it is drawn as; `None` takes what it is.
+    pub represent: Option<Representation>,
 }
 
 impl Leaf {
@@ -99,6 +103,7 @@ impl Leaf {
             kind: LeafKind::Solid,
             truth: None,
             spacing: None,
+            represent: None,
         }
     }
 }
