@@ -46,6 +46,14 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let look = Look { light: loaded.scene.light, background: loaded.scene.background };
     let drawing = Drawing { engine: &*engine, look, wants_layers, session };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;
+    for warning in engine.warnings() {
+        session.tell(&format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
+    let undecided = engine.undecided();
+    if !undecided.is_empty() {
+        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
+    }
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
     }
