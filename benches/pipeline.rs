@@ -14,7 +14,7 @@ use surfcut::formats::{NoProgress, ReadOptions};
 use surfcut::geometry::Solid;
 use surfcut::layers::LayerLimit;
 use surfcut::measure::simulate::{ScanOptions, scan};
-use surfcut::pipeline::{Density, convert};
+use surfcut::pipeline::{Density, ExactLeaves, convert};
 use surfcut::scene::{Leaf, LeafSource, LoadedScene, Scene, load, toml_file};
 use surfcut::splat::{Frame, SplatSettings};
 
@@ -38,8 +38,9 @@ fn stages(c: &mut Criterion, name: &str, scene: &Scene) {
     group.bench_function("load", |b| b.iter_batched(|| scene.clone(), loaded, BatchSize::PerIteration));
     let ready = loaded(scene.clone());
     let camera = ready.camera().expect("the scene has a camera");
-    let converted =
-        |mut scene: LoadedScene| convert(&mut scene, &camera, Density::default(), &|_| ()).expect("the scene converts");
+    let converted = |mut scene: LoadedScene| {
+        convert(&mut scene, &camera, Density::default(), ExactLeaves::Sampled, &|_| ()).expect("the scene converts")
+    };
     group.bench_function("convert", |b| b.iter_batched(|| ready.clone(), converted, BatchSize::PerIteration));
     group.bench_function("classify", |b| {
         b.iter_batched(|| converted(ready.clone()), |c| c.classify(), BatchSize::PerIteration);

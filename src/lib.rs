@@ -3,9 +3,11 @@
 pub mod blister;
 pub mod classify;
 pub mod composite;
+pub mod crossings;
 pub mod csg;
 pub mod formats;
 pub mod geometry;
+pub mod hybrid;
 pub mod layers;
 pub mod measure;
 pub mod output;

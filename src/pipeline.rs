@@ -1,17 +1,21 @@
 //! From a loaded scene to a classified one: every leaf's surfels, its exact form where it has one, and their classes.
 //!
-//! A cloud *is* its surfels. A mesh or an analytic solid is sampled only so that its surface is found on the screen; every
-//! hit is then solved on the exact surface, so its samples need not resolve what the picture cannot show, and creases stay
-//! as sharp as they were written.
+//! A cloud *is* its surfels. A mesh or an analytic solid keeps its own form and is found on the screen by its triangles and its
+//! formula ([`crate::hybrid`]), unless the user wants it to be nothing but surfels ([`crate::scene::represent`]). The paper's ways of
+//! clipping are about surfels: for them exact leaves are sampled as well ([`ExactLeaves::Sampled`]), so that their surface is found;
+//! every hit is then solved on the exact surface, so those samples need not resolve what the picture cannot show.
 
 use std::sync::Arc;
 
 use crate::blister::{MeshLeaf, MeshModel, MeshModelError, MeshShape};
 use crate::classify::{LeafField, LeafLook, Model};
-use crate::csg::LeafId;
+use crate::csg::{LeafId, TreeBuilder};
 use crate::geometry::bvh::MeshBvhError;
 use crate::geometry::exact::Exact;
-use crate::geometry::{PointCloud, Solid};
+use crate::geometry::solid::TessellateError;
+use crate::geometry::{PointCloud, Solid, TriMesh};
+use crate::hybrid::HybridModel;
+use crate::scene::represent::{self, RepresentError, Representation};
 use crate::scene::{LeafGeometry, LeafKind, LoadedScene};
 use crate::space::Camera;
 use crate::surfel::{self, CloudNotes, CloudOptions, SurfelCloud, SurfelError};
@@ -25,13 +29,26 @@ pub enum Density {
     Spacing(f64),
 }
 
+/// The error of a sampled or tessellated leaf where nobody asks for another, pixels: none that a picture shows.
+const DEFAULT_ERROR_PX: f64 = 0.5;
+
 impl Default for Density {
     fn default() -> Self {
-        Self::MaxErrorPx(0.5)
+        Self::MaxErrorPx(DEFAULT_ERROR_PX)
     }
 }
 
-/// Why a scene cannot be drawn as surfels.
+/// How leaves that keep their own form are found on the screen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ExactLeaves {
+    /// By their triangles and formulas.
+    #[default]
+    Crossed,
+    /// By surfels sampled from them, as deep as the pipeline of the paper needs it.
+    Sampled,
+}
+
+/// Why a scene cannot be made ready to be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PrepareError {
     /// A leaf's geometry makes no surfels.
@@ -59,6 +76,26 @@ pub enum PrepareError {
         /// The leaf.
         leaf: String,
     },
+    /// The mesh pipeline was asked to draw a leaf that is to be surfels.
+    #[error(
+        "leaf `{leaf}` is to be drawn as surfels, which the mesh pipeline cannot do: use --pipeline auto or splat, or leave \
+         its representation out"
+    )]
+    SurfelsAsMesh {
+        /// The leaf.
+        leaf: String,
+    },
+    /// A leaf cannot be drawn as the user wants.
+    #[error(transparent)]
+    Represent(#[from] RepresentError),
+    /// A solid has no mesh.
+    #[error("leaf `{leaf}` cannot be a mesh: {source}")]
+    Tessellate {
+        /// Its name.
+        leaf: String,
+        /// What is wrong.
+        source: TessellateError,
+    },
     /// Leaves that cannot be drawn as meshes.
     #[error("{}{source}", leaf.as_ref().map_or(String::new(), |leaf| format!("leaf `{leaf}`: ")))]
     Triangles {
@@ -76,47 +113,115 @@ pub struct Prepared {
     pub model: Model,
     /// By leaf: what was done to a cloud.
     pub notes: Vec<Option<CloudNotes>>,
+    /// The leaves that are not found by surfels.
+    pub crossed: Option<MeshModel>,
 }
 
-/// The leaves of a scene as surfels, before classification.
+impl Prepared {
+    /// The scene as one that draws every leaf in its own form.
+    pub fn into_hybrid(self) -> HybridModel {
+        HybridModel::new(self.model, self.crossed)
+    }
+}
+
+/// The leaves of a scene, before classification.
 #[derive(Debug)]
 pub struct Converted {
     fields: Vec<LeafField>,
     looks: Vec<LeafLook>,
     notes: Vec<Option<CloudNotes>>,
+    crossed: Option<MeshModel>,
     tree: crate::csg::Tree,
 }
 
-/// The leaves of `loaded` as the mesh pipeline draws them: meshes as they are, solids exactly.
+/// A leaf as it is drawn.
+enum Drawn {
+    /// As its surfels and nothing else.
+    Surfels,
+    Mesh(Arc<TriMesh>),
+    Solid(Solid),
+}
+
+/// What leaf `id` is drawn as; a solid that is to be a mesh is tessellated for the pixels of `camera`.
+fn drawn(loaded: &LoadedScene, id: LeafId, camera: &Camera, density: Density) -> Result<Drawn, PrepareError> {
+    let index = id.0 as usize;
+    let leaf = &loaded.scene.leaves[index];
+    let geometry = &loaded.geometry[index];
+    Ok(match (represent::resolved(&leaf.name, geometry, leaf.represent)?, geometry) {
+        (Representation::Surfels, _) | (_, LeafGeometry::Cloud(_)) => Drawn::Surfels,
+        (_, LeafGeometry::Mesh(mesh)) => Drawn::Mesh(Arc::clone(mesh)),
+        (Representation::Exact, LeafGeometry::Solid(solid)) => Drawn::Solid(solid.clone()),
+        (Representation::Mesh, LeafGeometry::Solid(solid)) => {
+            let px = match density {
+                Density::MaxErrorPx(px) => px,
+                Density::Spacing(_) => DEFAULT_ERROR_PX,
+            };
+            let stretch = loaded.scene.leaves[index].world_from_leaf.matrix3;
+            let longest = [stretch.x_axis, stretch.y_axis, stretch.z_axis].map(|axis| axis.length_squared());
+            // No direction is stretched by more than the columns together.
+            let error = px * footprint_of(loaded, index, camera) / longest.iter().sum::<f64>().sqrt();
+            let mesh = solid.tessellate(error);
+            let mesh = mesh.map_err(|source| PrepareError::Tessellate { leaf: leaf.name.clone(), source })?;
+            Drawn::Mesh(Arc::new(mesh))
+        }
+    })
+}
+
+/// The leaf as the mesh pipeline takes it, where it is drawn in its own form.
+fn mesh_leaf(loaded: &LoadedScene, id: LeafId, drawn: &Drawn) -> Option<MeshLeaf> {
+    let index = id.0 as usize;
+    let shape = match drawn {
+        Drawn::Surfels => return None,
+        Drawn::Mesh(mesh) => MeshShape::Mesh(Arc::clone(mesh)),
+        Drawn::Solid(solid) => MeshShape::Solid(solid.clone()),
+    };
+    Some(MeshLeaf {
+        leaf: id,
+        shape,
+        world_from_leaf: loaded.scene.leaves[index].world_from_leaf,
+        colour: loaded.colour(id),
+        vertex_colours: loaded.has_own_colours(id),
+        opacity: loaded.scene.leaves[index].opacity,
+        kind: if loaded.is_sheet(id) { LeafKind::Sheet } else { LeafKind::Solid },
+    })
+}
+
+/// The leaves of `loaded` as the mesh pipeline draws them: meshes as they are, solids exactly or, where they are to be meshes,
+/// tessellated for the pixels of `camera`.
 ///
 /// # Errors
-/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::Mesh`] for an unusable mesh.
-pub fn mesh_model(loaded: &LoadedScene) -> Result<MeshModel, PrepareError> {
+/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::SurfelsAsMesh`] for one that is to be surfels,
+/// [`PrepareError::Triangles`] for an unusable mesh.
+pub fn mesh_model(loaded: &LoadedScene, camera: &Camera, density: Density) -> Result<MeshModel, PrepareError> {
     let tree = loaded.canonical_tree();
     let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
     let leaf = |id: LeafId| {
-        let index = id.0 as usize;
-        let shape = match &loaded.geometry[index] {
-            LeafGeometry::Cloud(_) => return Err(PrepareError::CloudAsMesh { leaf: name(id) }),
-            LeafGeometry::Mesh(mesh) => MeshShape::Mesh(Arc::clone(mesh)),
-            LeafGeometry::Solid(solid) => MeshShape::Solid(solid.clone()),
-        };
-        Ok(MeshLeaf {
-            leaf: id,
-            shape,
-            world_from_leaf: loaded.scene.leaves[index].world_from_leaf,
-            colour: loaded.colour(id),
-            vertex_colours: loaded.has_own_colours(id),
-            opacity: loaded.scene.leaves[index].opacity,
-            kind: loaded.scene.leaves[index].kind,
+        let drawn = drawn(loaded, id, camera, density)?;
+        mesh_leaf(loaded, id, &drawn).ok_or_else(|| match &loaded.geometry[id.0 as usize] {
+            LeafGeometry::Cloud(_) => PrepareError::CloudAsMesh { leaf: name(id) },
+            _ => PrepareError::SurfelsAsMesh { leaf: name(id) },
         })
     };
     let leaves = tree.leaves().into_iter().map(leaf).collect::<Result<Vec<_>, _>>()?;
     MeshModel::new(&leaves, &tree).map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
 }
 
-/// Turns every leaf of `loaded` into surfels; `camera` is the first view, whose pixels decide how densely meshes and
-/// solids are sampled. Clouds are taken out of `loaded`, since they may be most of the memory. `progress` hears how many
+/// Whether a leaf that the expression names is drawn as surfels and nothing else.
+///
+/// # Errors
+/// [`PrepareError::Represent`] for a leaf that cannot be drawn as the user wants.
+pub fn has_surfels(loaded: &LoadedScene) -> Result<bool, PrepareError> {
+    let mut any = false;
+    for id in loaded.canonical_tree().leaves() {
+        let leaf = &loaded.scene.leaves[id.0 as usize];
+        let representation = represent::resolved(&leaf.name, &loaded.geometry[id.0 as usize], leaf.represent)?;
+        any |= representation == Representation::Surfels;
+    }
+    Ok(any)
+}
+
+/// Makes every leaf of `loaded` ready: surfels, and leaves in their own form, found as `exact` says; `camera` is the first view,
+/// whose pixels decide how densely meshes and solids are sampled. Clouds are taken out of `loaded`, since they may be most of the memory. `progress` hears how many
 /// points are done.
 ///
 /// # Errors
@@ -125,11 +230,13 @@ pub fn convert(
     loaded: &mut LoadedScene,
     camera: &Camera,
     density: Density,
+    exact: ExactLeaves,
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Converted, PrepareError> {
     let tree = loaded.canonical_tree();
     let used = tree.leaves();
     let (mut fields, mut looks, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut crossed = Vec::new();
     for index in 0..loaded.scene.leaves.len() {
         let id = LeafId(index as u32);
         let opacity = loaded.scene.leaves[index].opacity;
@@ -140,11 +247,36 @@ pub fn convert(
             notes.push(None);
             continue;
         }
-        let (field, note) = leaf_field(loaded, id, camera, density, progress)?;
+        let drawn = drawn(loaded, id, camera, density)?;
+        if exact == ExactLeaves::Crossed {
+            crossed.extend(mesh_leaf(loaded, id, &drawn));
+        }
+        let (field, note) = leaf_field(loaded, id, &drawn, camera, density, exact, progress)?;
         fields.push(field);
         notes.push(note);
     }
-    Ok(Converted { fields, looks, notes, tree })
+    let crossed = crossed_model(loaded, &crossed)?;
+    Ok(Converted { fields, looks, notes, crossed, tree })
+}
+
+/// The leaves that are found by their own form; `None` without any.
+fn crossed_model(loaded: &LoadedScene, leaves: &[MeshLeaf]) -> Result<Option<MeshModel>, PrepareError> {
+    if leaves.is_empty() {
+        return Ok(None);
+    }
+    // What the leaves mean is decided where they meet the surfels: here any expression does that names them all.
+    let mut tree = TreeBuilder::default();
+    for (number, leaf) in leaves.iter().enumerate() {
+        tree.leaf(leaf.leaf);
+        if number > 0 {
+            tree.or();
+        }
+    }
+    let tree = tree.finish().expect("there is a leaf");
+    let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
+    MeshModel::new(leaves, &tree)
+        .map(Some)
+        .map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
 }
 
 impl Converted {
@@ -155,15 +287,18 @@ impl Converted {
 
     /// Classifies the surfels.
     pub fn classify(self) -> Prepared {
-        Prepared { model: Model::new(&self.tree, self.fields, self.looks), notes: self.notes }
+        let model = Model::new(&self.tree, self.fields, self.looks);
+        Prepared { model, notes: self.notes, crossed: self.crossed }
     }
 }
 
 fn leaf_field(
     loaded: &mut LoadedScene,
     id: LeafId,
+    drawn: &Drawn,
     camera: &Camera,
     density: Density,
+    exact_leaves: ExactLeaves,
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<(LeafField, Option<CloudNotes>), PrepareError> {
     let index = id.0 as usize;
@@ -178,33 +313,41 @@ fn leaf_field(
         }
     };
     let stretch = world_from_leaf.matrix3.determinant().abs().cbrt();
-    Ok(match &loaded.geometry[index] {
-        LeafGeometry::Cloud(_) => {
+    let of_mesh = |mesh: &TriMesh| {
+        let extent = loaded.bounds[index].map_or(1.0, |b| (b.max - b.min).length());
+        // A mesh says nothing of its curvature; a feature of a twentieth of its size is what such scans show.
+        const FEATURE_SHARE: f64 = 1.0 / 20.0;
+        let area = stretch * stretch * mesh.area();
+        surfel::from_mesh(mesh, world_from_leaf, spacing(extent * FEATURE_SHARE, area)).map_err(surfels)
+    };
+    let of_solid = |solid: &Solid| {
+        let area = stretch * stretch * solid.patches().iter().map(|patch| patch.area()).sum::<f64>();
+        surfel::from_solid(solid, world_from_leaf, spacing(stretch * least_radius(solid), area)).map_err(surfels)
+    };
+    let is_sampled = exact_leaves == ExactLeaves::Sampled;
+    let (cloud, exact) = match (drawn, &loaded.geometry[index]) {
+        (Drawn::Surfels, LeafGeometry::Cloud(_)) => {
             let taken = std::mem::replace(&mut loaded.geometry[index], LeafGeometry::Cloud(Arc::default()));
             let LeafGeometry::Cloud(cloud) = taken else { unreachable!("it was a cloud a line ago") };
             let cloud: PointCloud = Arc::unwrap_or_clone(cloud);
             let (cloud, note) =
                 surfel::from_cloud(cloud, world_from_leaf, &CloudOptions::default(), progress).map_err(surfels)?;
-            (LeafField::new(cloud, None, kind), Some(note))
+            return Ok((LeafField::new(cloud, None, kind), Some(note)));
         }
-        LeafGeometry::Mesh(mesh) => {
-            let extent = loaded.bounds[index].map_or(1.0, |b| (b.max - b.min).length());
-            // A mesh says nothing of its curvature; a feature of a twentieth of its size is what such scans show.
-            const FEATURE_SHARE: f64 = 1.0 / 20.0;
-            let area = stretch * stretch * mesh.area();
-            let cloud =
-                surfel::from_mesh(mesh, world_from_leaf, spacing(extent * FEATURE_SHARE, area)).map_err(surfels)?;
+        (Drawn::Surfels, LeafGeometry::Mesh(mesh)) => (of_mesh(mesh)?, None),
+        (Drawn::Surfels, LeafGeometry::Solid(solid)) => (of_solid(solid)?, None),
+        (Drawn::Mesh(mesh), _) => {
+            let cloud = if is_sampled { of_mesh(mesh)? } else { SurfelCloud::default() };
             let exact = Exact::mesh(Arc::clone(mesh), world_from_leaf)
                 .map_err(|source| PrepareError::Mesh { leaf: name.clone(), source })?;
-            (LeafField::new(cloud, Some(exact), kind), None)
+            (cloud, Some(exact))
         }
-        LeafGeometry::Solid(solid) => {
-            let area = stretch * stretch * solid.patches().iter().map(|patch| patch.area()).sum::<f64>();
-            let cloud = surfel::from_solid(solid, world_from_leaf, spacing(stretch * least_radius(solid), area))
-                .map_err(surfels)?;
-            (LeafField::new(cloud, Some(Exact::solid(solid.clone(), world_from_leaf)), kind), None)
+        (Drawn::Solid(solid), _) => {
+            let cloud = if is_sampled { of_solid(solid)? } else { SurfelCloud::default() };
+            (cloud, Some(Exact::solid(solid.clone(), world_from_leaf)))
         }
-    })
+    };
+    Ok((LeafField::new(cloud, exact, kind), None))
 }
 
 /// The footprint at the nearest depth of leaf `index` in front of the camera, world units.

@@ -87,6 +87,8 @@ pub(super) struct Look {
     pub opacity: f32,
     pub is_sheet: bool,
     pub vertex_colours: bool,
+    /// Whether the transform mirrors, so that triangles run clockwise seen from outside.
+    pub is_mirrored: bool,
     /// The box of a closed mesh, world space. `None` for others, whose inside no box tells.
     pub closed_within: Option<(DVec3, DVec3)>,
 }
@@ -208,6 +210,7 @@ impl MeshModel {
                 opacity: leaf.opacity,
                 is_sheet: leaf.kind == LeafKind::Sheet,
                 vertex_colours: mesh.is_some_and(|mesh| mesh.colours.is_some()),
+                is_mirrored: leaf.world_from_leaf.matrix3.determinant() < 0.0,
                 closed_within: mesh.filter(|mesh| mesh.is_closed).map(around),
             });
             if let MeshShape::Solid(solid) = &leaf.shape {
@@ -374,27 +377,8 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     let positions = kept.iter().map(|&v| leaf.world_from_leaf.transform_point3(mesh.positions[v])).collect();
     let own = mesh.colours.as_ref().filter(|_| leaf.vertex_colours);
     let colours = own.map(|colours| kept.iter().map(|&v| colours[v]).collect());
-    let is_closed = is_closed(&triangles);
+    let is_closed = mesh.is_closed();
     Ok(PlacedMesh { leaf: leaf.leaf, positions, colours, triangles, groups, is_closed })
-}
-
-/// Whether every edge is used as often one way as the other, so that every line crosses an even number of times. Each edge
-/// adds a number of its own, one way, or takes it away, the other: what is left of a closed mesh is nothing, and of an open
-/// one something, but for a chance of 1 in 2^64.
-fn is_closed(triangles: &[[u32; 3]]) -> bool {
-    let of_edge = |from: u32, to: u32| {
-        // Steele, Lea and Flood's splitmix64.
-        let edge = u64::from(from.min(to)) << 32 | u64::from(from.max(to));
-        let mut mixed = edge.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^= mixed >> 31;
-        if from < to { mixed } else { mixed.wrapping_neg() }
-    };
-    let add = |sum: u64, &[a, b, c]: &[u32; 3]| {
-        sum.wrapping_add(of_edge(a, b)).wrapping_add(of_edge(b, c)).wrapping_add(of_edge(c, a))
-    };
-    triangles.iter().fold(0, add) == 0
 }
 
 /// Orders triangles by halving the longest side of their centroids' box until at most [`MESHLET`] are left, and tells the

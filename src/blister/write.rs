@@ -40,7 +40,7 @@ impl Writer<'_> {
     }
 
     #[inline(always)]
-    fn boundary(&self, survivor: &Survivor, dir: Vec3, x: u32, y: u32) -> Boundary {
+    pub(super) fn boundary(&self, survivor: &Survivor, dir: Vec3, x: u32, y: u32) -> Boundary {
         let SlotLook { leaf, look, is_solid, .. } = &self.looks[survivor.owner as usize];
         let depth = self.view.depth(survivor.key);
         let normal = if *is_solid {

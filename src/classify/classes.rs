@@ -197,8 +197,9 @@ fn classify_chunk(
     let own_field = fields[own.0 as usize];
     let touches: Vec<TouchRef> =
         row.iter().map(|status| status.as_ref().map_or(TouchRef::Apart(Membership::Out), |s| s.chunk(chunk))).collect();
-    // Surfels of a leaf that lends its surface are partners of whatever surfel leaf is within reach of the chunk.
-    let within_reach = |b: usize| matches!(touches[b], TouchRef::Surfels(_)) && !fields[b].cloud.is_empty();
+    // Surfels of a leaf that lends its surface are partners of whatever leaf is within reach of the chunk.
+    let has_surface = |b: usize| !fields[b].cloud.is_empty() || fields[b].exact.is_some();
+    let within_reach = |b: usize| matches!(touches[b], TouchRef::Surfels(_)) && has_surface(b);
     let partner = if own_field.lends_surfels() && (0..touches.len()).any(within_reach) { Class::PARTNER } else { 0 };
 
     let apart = |b: LeafId| match touches[b.0 as usize] {

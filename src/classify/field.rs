@@ -92,6 +92,11 @@ impl LeafField {
         self.exact.is_none() && self.kind == LeafKind::Solid
     }
 
+    /// Whether sides far from the surface hold for some distance at all: not those of a scan that is open.
+    pub fn has_steady_sides(&self) -> bool {
+        self.winding.is_some()
+    }
+
     /// How a whole ball of world space lies to this leaf; `Near` unless the surface certainly misses it.
     pub fn ball(&self, centre_in_world: DVec3, radius: f64) -> Membership {
         if self.kind == LeafKind::Sheet {

@@ -10,8 +10,8 @@ use glam::DVec3;
 use super::style_args::StyleArgs;
 use surfcut::layers::{LayerLimit, MAX_SAMPLES};
 use surfcut::pipeline::Density;
-use surfcut::scene::colour;
 use surfcut::scene::one_liner::Joint;
+use surfcut::scene::{Representation, colour};
 use surfcut::space::Camera;
 use surfcut::splat::{Clip, Inside, Partners, SplatSettings, Unknown};
 
@@ -149,15 +149,27 @@ impl FromArgMatches for Operands {
 /// What draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Pipeline {
-    /// `mesh` where every leaf is a closed mesh or a solid and no flag of the surfels is given, else `splat`
+    /// Every leaf in its own form: points as surfels, meshes by their triangles, solids by their formulas; with a flag of the
+    /// surfels as `splat`
     #[default]
     Auto,
-    /// Surfels, for points; meshes and solids are asked exactly
+    /// Every leaf is found by surfels; meshes and solids are asked exactly
     Splat,
     /// Meshes triangle by triangle and solids exactly; cannot draw points
     Mesh,
     /// The f64 ray caster that judges the others, slow; needs a mesh, a solid or a `truth` for every leaf
     Reference,
+}
+
+/// Ways to draw one scene, for a table of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Way {
+    /// Every leaf as surfels and nothing else
+    Splats,
+    /// Every leaf as a mesh: points by the `truth` that they were sampled from, solids as triangles, half-spaces exactly
+    Meshes,
+    /// Every leaf in its own form
+    Hybrid,
 }
 
 /// How it is drawn.
@@ -178,6 +190,9 @@ pub struct PipelineArgs {
     /// Where clipping partners are searched
     #[arg(long, default_value = Partners::default().name(), value_parser = choice(&Partners::ALL, Partners::name, Partners::summary), help_heading = "Pipeline")]
     pub partners: Partners,
+    /// Draw a leaf as `surfels` (nothing but them), `mesh` (a solid becomes triangles) or `exact` (itself); may be repeated
+    #[arg(long, value_name = "LEAF=HOW", value_parser = representation, help_heading = "Pipeline")]
+    pub represent: Vec<(String, Representation)>,
     /// How densely meshes and solids are sampled.
     #[command(flatten)]
     pub density: DensityArgs,
@@ -186,7 +201,7 @@ pub struct PipelineArgs {
 /// How densely meshes and solids are sampled.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct DensityArgs {
-    /// Largest error of a sampled mesh or solid, in pixels
+    /// Largest error of a sampled mesh or solid, or of a solid as a mesh, in pixels
     #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive, conflicts_with = "spacing", help_heading = "Pipeline")]
     pub max_error: f64,
     /// Surfel spacing of sampled meshes and solids, in scene units, in place of --max-error
@@ -202,9 +217,9 @@ impl DensityArgs {
 }
 
 impl PipelineArgs {
-    /// Whether a flag asks for surfels that are drawn or placed in a way of their own.
+    /// Whether a flag asks for surfels that are clipped in a way of their own.
     pub fn asks_for_surfels(&self) -> bool {
-        self.splat_settings() != SplatSettings::default() || self.density.density() != Density::default()
+        !self.splat_settings().takes_crossings()
     }
 
     /// The splat pipeline's settings.
@@ -320,7 +335,8 @@ pub struct CheckArgs {
 #[command(after_help = "Examples:
   surfcut compare scene.toml
   surfcut compare scene.toml --clip fragment --inside two-nearest --unknown paper --difference diff.png
-  surfcut compare scene.toml --with splat --with-clip fragment --zoom 100 --at 1,0,0")]
+  surfcut compare scene.toml --with splat --with-clip fragment --zoom 100 --at 1,0,0
+  surfcut compare scene.toml --as splats,meshes,hybrid")]
 pub struct CompareArgs {
     /// What is drawn.
     #[command(flatten)]
@@ -346,6 +362,9 @@ pub struct CompareArgs {
     /// As --partners, of the second picture
     #[arg(long, default_value = Partners::default().name(), value_parser = choice(&Partners::ALL, Partners::name, Partners::summary), help_heading = "Second picture")]
     pub with_partners: Partners,
+    /// Draw the scene in each of these ways in place of the first picture, measure each, and print one table
+    #[arg(long = "as", value_name = "WAY,…", value_enum, value_delimiter = ',', conflicts_with_all = ["pipeline", "represent", "difference"])]
+    pub ways: Vec<Way>,
     /// Write a picture of the differences (PNG)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub difference: Option<PathBuf>,
@@ -398,6 +417,14 @@ pub fn choice<T: Copy + Send + Sync + 'static>(
     let values = all.iter().map(|&value| PossibleValue::new(name(value)).help(summary(value)));
     PossibleValuesParser::new(values)
         .try_map(move |text| all.iter().copied().find(|&value| name(value) == text).ok_or("no such choice"))
+}
+
+/// `LEAF=HOW`; a leaf's name may hold `=`.
+fn representation(text: &str) -> Result<(String, Representation), String> {
+    let names = || Representation::ALL.map(Representation::name).join(", ");
+    let (leaf, how) = text.rsplit_once('=').ok_or_else(|| format!("write LEAF=HOW, HOW one of {}", names()))?;
+    let representation = Representation::from_name(how).ok_or_else(|| format!("`{how}` is none of {}", names()))?;
+    Ok((leaf.to_owned(), representation))
 }
 
 fn layer_limit_name(limit: LayerLimit) -> &'static str {

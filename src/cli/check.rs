@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use surfcut::classify::{ClassCounts, Model};
 use surfcut::csg::LeafId;
-use surfcut::pipeline::{self, Density};
+use surfcut::pipeline::{self, Density, ExactLeaves};
 use surfcut::scene::endless::Far;
 use surfcut::scene::inspect::{CloudHealth, MeshHealth};
 use surfcut::scene::load::SceneNote;
@@ -269,7 +269,7 @@ fn judge_scene(loaded: &LoadedScene, health: &[Health], findings: &mut Findings)
     for note in &loaded.notes {
         match note {
             // Whether they meet is asked of the surfels: boxes cannot tell for an open scan.
-            SceneNote::CannotMeet => {}
+            SceneNote::CannotMeet | SceneNote::InsideOut { .. } => {} // told with the rest of the result, or of the mesh
             SceneNote::Unbounded => {
                 findings.warn(note.to_string(), "intersect it with something bounded if it should be closed");
             }
@@ -365,7 +365,8 @@ fn judge_as_surfels(
     };
     let points = loaded.geometry.iter().map(|g| if let LeafGeometry::Cloud(c) = g { c.len() as u64 } else { 0 }).sum();
     let bar = session.bars.count(points, "surfels");
-    let converted = pipeline::convert(loaded, &camera, Density::default(), &|points| bar.inc(points));
+    let converted =
+        pipeline::convert(loaded, &camera, Density::default(), ExactLeaves::Sampled, &|points| bar.inc(points));
     bar.finish_and_clear();
     let prepared = match converted {
         Ok(converted) => converted.classify(),

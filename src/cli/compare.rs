@@ -17,6 +17,8 @@ use super::failure::code;
 use super::memory::Held;
 use super::{Session, input, memory};
 
+mod ways;
+
 /// Draws the scene twice and measures the first picture against the second.
 pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let difference_destination = args.difference.as_deref().map(Destination::from);
@@ -37,6 +39,9 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
         partners: args.with_partners,
         ..args.pipeline.clone()
     };
+    if !args.ways.is_empty() {
+        return ways::run(args, &loaded, &with, (frame, &camera), session, report);
+    }
     let test = draw(loaded.clone(), &args.pipeline, frame, &camera, session, &mut report, "frame")?;
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
     let truth = draw(loaded, &with, frame, &camera, session, &mut report, "second_frame")?;

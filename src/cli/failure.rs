@@ -4,6 +4,7 @@ use surfcut::measure::CompareError;
 use surfcut::output::OutputError;
 use surfcut::pipeline::PrepareError;
 use surfcut::reference::ReferenceError;
+use surfcut::scene::RepresentError;
 use surfcut::scene::inline_solid::InlineSolidError;
 use surfcut::scene::load::LoadError;
 use surfcut::scene::toml_file::ReadSceneError;
@@ -41,6 +42,10 @@ pub struct InputError(pub String);
 /// The exit code for `error`.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     for cause in error.chain() {
+        // Before what it may be wrapped in.
+        if let Some(RepresentError::NoSuchLeaf { .. }) = cause.downcast_ref() {
+            return code::USAGE;
+        }
         if cause.is::<UsageError>() || cause.is::<InlineSolidError>() || cause.is::<CameraError>() {
             return code::USAGE;
         }

@@ -51,6 +51,14 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
     let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, session };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;
+    for warning in engine.warnings() {
+        session.tell(&format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
+    let undecided = engine.undecided();
+    if !undecided.is_empty() {
+        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
+    }
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
     }

@@ -13,7 +13,6 @@
 //! *Practice.* Whether a mesh is closed is found out when it is loaded; parity then does not care how triangles are
 //! oriented, the winding number does.
 
-use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::time::Duration;
@@ -123,7 +122,7 @@ impl MeshBvh {
             (0..mesh.triangles.len()).map(|t| outward_box(mesh.corners(t).map(|p| p - origin))).collect();
         let mut build_time = Duration::ZERO; // obvhs reports it; nobody here asks
         let tree = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut build_time);
-        let closed = is_closed(&mesh);
+        let closed = mesh.is_closed();
         let mut bvh = Self { mesh, tree, origin, bounds, closed, dipoles: Vec::new() };
         if !closed {
             bvh.dipoles = vec![Dipole::default(); bvh.tree.nodes.len()];
@@ -395,16 +394,6 @@ fn outward_box(corners: [DVec3; 3]) -> Aabb {
     Aabb::new(down(a.min(b).min(c)), up(a.max(b).max(c)))
 }
 
-fn is_closed(mesh: &TriMesh) -> bool {
-    let mut balance: HashMap<[u32; 2], i32> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
-    for &[a, b, c] in &mesh.triangles {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            *balance.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
-        }
-    }
-    balance.values().all(|&sides| sides == 0)
-}
-
 /// The `index`-th of `count` directions spread over the sphere along a spiral.
 fn lattice_direction(index: u32, count: u32) -> DVec3 {
     /// Turns between successive directions: the golden ratio's conjugate, of which no multiple is near a whole number.
@@ -506,6 +495,8 @@ fn closest_in_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashMap;
+
     use super::*;
 
     fn numbers(mut state: u64) -> impl FnMut() -> f64 {

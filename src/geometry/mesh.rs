@@ -40,6 +40,42 @@ impl TriMesh {
         six_volumes / 6.0
     }
 
+    /// Whether every edge is used as often one way as the other, so that every line crosses the mesh an even number of times. Each
+    /// edge adds a number of its own, one way, or takes it away, the other: what is left of a closed mesh is nothing, and of an
+    /// open one something, but for a chance of 1 in 2^64.
+    pub fn is_closed(&self) -> bool {
+        let of_edge = |from: u32, to: u32| {
+            // Steele, Lea and Flood's splitmix64.
+            let edge = u64::from(from.min(to)) << 32 | u64::from(from.max(to));
+            let mut mixed = edge.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            mixed = (mixed ^ mixed >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+            mixed ^= mixed >> 31;
+            if from < to { mixed } else { mixed.wrapping_neg() }
+        };
+        let add = |sum: u64, &[a, b, c]: &[u32; 3]| {
+            sum.wrapping_add(of_edge(a, b)).wrapping_add(of_edge(b, c)).wrapping_add(of_edge(c, a))
+        };
+        self.triangles.iter().fold(0, add) == 0
+    }
+
+    /// Whether the faces look inwards: the mesh encloses a negative volume. Of an open mesh the volume is that between its
+    /// faces and the middle of its box, and must be more than nothing beside its area and size: a sheet encloses none.
+    pub fn is_inside_out(&self) -> bool {
+        const LEAST_SHARE: f64 = 0.02; // a ball has 1/6, a cube 0.1
+        let corners = || (0..self.triangles.len()).flat_map(|t| self.corners(t));
+        let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        let middle = 0.5 * (low + high);
+        let six_volumes: f64 = (0..self.triangles.len())
+            .map(|t| {
+                let [a, b, c] = self.corners(t).map(|p| p - middle);
+                a.dot(b.cross(c))
+            })
+            .sum();
+        let least = if self.is_closed() { 0.0 } else { LEAST_SHARE * self.area() * (high - low).length() };
+        six_volumes / 6.0 < -least
+    }
+
     /// Joins vertices at exactly the same position (the first one's colour stays); returns how many vanished.
     /// Vertices that are not finite stay apart.
     ///

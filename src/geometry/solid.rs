@@ -12,12 +12,14 @@ use glam::{DVec2, DVec3};
 mod blend;
 mod intersect;
 mod patch;
+mod tessellate;
 #[cfg(test)]
 mod tests;
 
 use blend::BlendField;
 pub use intersect::Hit;
 pub use patch::{COVER, Patch, SurfacePoint};
+pub use tessellate::TessellateError;
 
 /// One ball of a [`Solid::Blend`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use crate::classify::partners::PartnerLists;
 use crate::csg::LeafId;
 use crate::formats::{NoProgress, ReadOptions};
 use crate::layers::{LayerLimit, LayerStack};
-use crate::pipeline::{self, Density};
+use crate::pipeline::{self, Density, ExactLeaves};
 use crate::reference::{Reference, TruthLeaf, TruthShape};
 use crate::scene::load::LoadedTruth;
 use crate::scene::{LeafGeometry, LoadedScene, Scene, load};
@@ -50,14 +50,20 @@ pub fn open_reference(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawEr
     }))
 }
 
-/// Makes `scene` ready for the surfel pipeline with `settings`, one sample a pixel. Meshes and solids are sampled for the scene's own view.
+/// Makes `scene` ready for the surfel pipeline with `settings`, one sample a pixel. Meshes and solids are drawn in their own form where
+/// the settings take them so, else they are sampled for the scene's own view.
 ///
 /// # Errors
 /// Where the scene cannot be loaded or converted.
 pub fn open_surfels(scene: &Scene, limit: LayerLimit, settings: SplatSettings) -> Result<Drawer, DrawError> {
     let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
     let camera = loaded.camera()?;
-    let converted = pipeline::convert(&mut loaded, &camera, Density::default(), &|_| ())?;
+    if settings.takes_crossings() {
+        let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Crossed, &|_| ())?;
+        let model = converted.classify().into_hybrid();
+        return Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&model.frame(camera, limit, 1)))));
+    }
+    let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Sampled, &|_| ())?;
     let model = converted.classify().model;
     let partners = match settings.partners_among() {
         Some(among) if settings.partners == Partners::ObjectSpace => Some(PartnerLists::in_space(&model, among)),

@@ -29,6 +29,8 @@ pub struct MeshHealth {
     pub area: f64,
     /// |Σ areaᵢ nᵢ| / Σ areaᵢ: 0 for a closed surface, 1 for a flat one, in between the larger the wider it is open.
     pub openness: f64,
+    /// Whether the faces look inwards ([`TriMesh::is_inside_out`]).
+    pub looks_inwards: bool,
 }
 
 impl MeshHealth {
@@ -66,6 +68,7 @@ impl MeshHealth {
             signed_volume: mesh.signed_volume(),
             area: 0.5 * area,
             openness: if area > 0.0 { vector.length() / area } else { 0.0 },
+            looks_inwards: mesh.is_inside_out(),
         }
     }
 
@@ -74,9 +77,9 @@ impl MeshHealth {
         self.boundary_edges == 0 && self.non_manifold_edges == 0 && self.inconsistent_edges == 0
     }
 
-    /// Whether the mesh is closed and its faces look inwards.
+    /// Whether the faces look inwards.
     pub fn is_inside_out(&self) -> bool {
-        self.is_closed() && self.signed_volume < 0.0
+        self.looks_inwards
     }
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::endless::{self, Far, Spread};
 use super::framing::{self, Bounds, Extent};
 use super::inline_solid::{self, EXTENT_OF_THE_SCENE};
-use super::{CameraSpec, LeafKind, LeafSource, Scene, Truth, colour};
+use super::{CameraSpec, LeafKind, LeafSource, RepresentError, Representation, Scene, Truth, colour};
 use crate::csg::{LeafId, Tree};
 use crate::formats::{self, Format, Geometry, Note, Progress, ReadError, ReadOptions, Stated};
 use crate::geometry::solid::SolidError;
@@ -175,6 +175,11 @@ pub enum SceneNote {
         /// The leaf.
         leaf: String,
     },
+    /// A mesh that is a solid has faces that look inwards.
+    InsideOut {
+        /// The leaf.
+        leaf: String,
+    },
     /// The operands of the expression do not meet.
     CannotMeet,
     /// The result has no bounds.
@@ -187,7 +192,7 @@ impl SceneNote {
         match self {
             Self::File { note, .. } => note.is_warning(),
             Self::SameContent { .. } | Self::Unbounded => false,
-            Self::Unused { .. } | Self::Line { .. } | Self::CannotMeet => true,
+            Self::Unused { .. } | Self::Line { .. } | Self::InsideOut { .. } | Self::CannotMeet => true,
         }
     }
 }
@@ -204,6 +209,11 @@ impl fmt::Display for SceneNote {
                 f,
                 "the points of leaf `{leaf}` lie on one line and have no normals, so the surface that is drawn is a guess: \
                  give the file normals, or look at its columns"
+            ),
+            Self::InsideOut { leaf } => write!(
+                f,
+                "the mesh of leaf `{leaf}` is inside-out: turn its faces over, so that corners run anticlockwise seen from \
+                 outside; a closed one is drawn as if they were, but not as surfels, nor by other programs"
             ),
             Self::CannotMeet => f.write_str(
                 "the operands of an intersection do not meet, so the result is empty: look at the transforms",
@@ -311,6 +321,30 @@ impl LoadedScene {
     /// The expression over canonical leaves: two names for one thing are one leaf.
     pub fn canonical_tree(&self) -> Tree {
         self.scene.tree.map_leaves(|leaf| self.canonical[leaf.0 as usize])
+    }
+
+    /// Draws the leaf called `leaf`, and with it every other name of the same thing, as `representation`.
+    ///
+    /// # Errors
+    /// [`RepresentError::NoSuchLeaf`].
+    pub fn represent(&mut self, leaf: &str, representation: Representation) -> Result<(), RepresentError> {
+        self.scene.represent(leaf, representation)?;
+        let named = self.scene.leaves.iter().zip(&self.canonical).filter(|(known, _)| known.name == leaf);
+        let all: Vec<usize> = named.map(|(_, canonical)| canonical.0 as usize).collect();
+        all.into_iter().for_each(|index| self.scene.leaves[index].represent = Some(representation));
+        Ok(())
+    }
+
+    /// The same scene with every cloud replaced by what the scene says that it was sampled from.
+    pub fn as_truths(mut self) -> Self {
+        for (geometry, truth) in self.geometry.iter_mut().zip(&self.truths) {
+            match truth {
+                Some(LoadedTruth::Mesh(mesh)) => *geometry = LeafGeometry::Mesh(Arc::clone(mesh)),
+                Some(LoadedTruth::Solid(solid)) => *geometry = LeafGeometry::Solid(solid.clone()),
+                None => {}
+            }
+        }
+        self
     }
 
     /// The leaf's linear RGB where it is of one colour: the scene's, or one by its index. A file's own colours win only
@@ -482,6 +516,12 @@ impl LoadedScene {
                 && Spread::of(cloud, &leaf.world_from_leaf) == Spread::Line
             {
                 self.notes.push(SceneNote::Line { leaf: leaf.name.clone() });
+            }
+            if let LeafGeometry::Mesh(mesh) = &self.geometry[index]
+                && leaf.kind == LeafKind::Solid
+                && mesh.is_inside_out()
+            {
+                self.notes.push(SceneNote::InsideOut { leaf: leaf.name.clone() });
             }
         }
         if self.extent() == Extent::Empty {

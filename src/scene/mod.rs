@@ -22,11 +22,13 @@ pub mod nearest_name;
 pub mod one_liner;
 pub mod style;
 mod style_toml;
+pub mod represent;
 pub mod toml_file;
 mod toml_values;
 pub mod tree_json;
 
 pub use load::{LeafGeometry, LoadedScene, load};
+pub use represent::{RepresentError, Representation};
 
 /// Picture size where nobody asks for one: width, height in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (1024, 768);
@@ -87,6 +89,8 @@ pub struct Leaf {
     pub truth: Option<Truth>,
     /// Surfel spacing in world units for a sampled leaf, overriding the picture's needs.
     pub spacing: Option<f64>,
+    /// What it is drawn as; `None` takes what it is.
+    pub represent: Option<Representation>,
 }
 
 impl Leaf {
@@ -101,6 +105,7 @@ impl Leaf {
             kind: LeafKind::Solid,
             truth: None,
             spacing: None,
+            represent: None,
         }
     }
 }

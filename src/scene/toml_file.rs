@@ -40,7 +40,7 @@ use super::inline_solid::{self, SOLID_KEYS, SolidError};
 use super::nearest_name::nearest_name;
 use super::style_toml;
 use super::toml_values::{Field, Source, Table};
-use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Scene, Truth, colour};
+use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Representation, Scene, Truth, colour};
 use crate::csg::expression::{self, ExpressionError};
 use crate::csg::{LeafId, Tree};
 use crate::space::{Camera, CameraError, Lens};
@@ -308,7 +308,7 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
 }
 
 /// The keys of a leaf beside its solid's.
-const LEAF_KEYS: [&str; 11] = [
+const LEAF_KEYS: [&str; 12] = [
     "file",
     "translate",
     "rotate",
@@ -319,6 +319,7 @@ const LEAF_KEYS: [&str; 11] = [
     "kind",
     "truth",
     "spacing",
+    "represent",
     "name", // only to say that the name is in the table's header
 ];
 
@@ -355,6 +356,14 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneE
     leaf.colour = table.get("colour|color")?.map(|field| field.colour()).transpose()?;
     leaf.opacity = table.get("opacity")?.map_or(Ok(1.0), |field| field.share())?;
     leaf.spacing = table.get("spacing")?.map(|field| field.positive()).transpose()?;
+    if let Some(field) = table.get("represent")? {
+        const WANTED: &str = "\"surfels\", \"mesh\" or \"exact\"";
+        let text = field.text(WANTED)?;
+        let choice = Representation::from_name(text);
+        leaf.represent = Some(
+            choice.ok_or_else(|| field.bad(format!("\"{text}\" is no representation"), format!("write {WANTED}")))?,
+        );
+    }
     if let Some(field) = table.get("kind")? {
         leaf.kind = match field.text("\"solid\" or \"sheet\"")? {
             "solid" => LeafKind::Solid,

@@ -50,6 +50,14 @@ impl SplatSettings {
     }
 }
 
+impl SplatSettings {
+    /// Whether leaves may come from elsewhere ([`super::crossed`]): surfaces are clipped on the field. The paper's ways are about
+    /// surfels, and there all leaves are made of them.
+    pub fn takes_crossings(&self) -> bool {
+        self.partners_among().is_none()
+    }
+}
+
 /// What a frame's clipping shares between tiles.
 pub struct Clipping<'a> {
     settings: SplatSettings,

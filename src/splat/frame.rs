@@ -10,12 +10,13 @@ use std::cell::Cell;
 use std::ops::Range;
 
 use fearless_simd::{Level, Simd};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::bins::{self, BLOCK, Bins, BlockSet, Blocks, Member, Members};
 use super::clip::Clipping;
 use super::clip_buffer;
+use super::crossed::{Crossed, Walk};
 use super::ewa::{self, Splat};
 use super::fragment::{self, FragmentScratch};
 use super::hits::{BlockHits, Hit};
@@ -26,9 +27,10 @@ use super::settle::{Owner, Patch, Settled};
 use super::surface::{self, Run, Scratch, SideCache, Tile};
 use crate::classify::partners::{Among, PartnerLists};
 use crate::classify::{Class, Drawn, Model};
+use crate::crossings::CrossingSource;
 use crate::csg::LeafId;
 use crate::csg::residual::Crossing;
-use crate::layers::{Boundary, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
+use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
 use crate::scene::LeafKind;
 use crate::space::{Camera, PixelRect};
 
@@ -46,6 +48,8 @@ pub struct Frame<'a> {
     settings: SplatSettings,
     /// Where the settings ask for partners.
     clipping: Option<Clipping<'a>>,
+    /// Finds the leaves that have no surfels.
+    source: Option<Box<dyn CrossingSource + 'a>>,
 }
 
 impl<'a> Frame<'a> {
@@ -62,7 +66,8 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let bins = Bins::new(model, &view, margin_px(settings));
-        let mut frame = Self { model, view, limit, samples, bins, level: Level::new(), settings, clipping: None };
+        let mut frame =
+            Self { model, view, limit, samples, bins, level: Level::new(), settings, clipping: None, source: None };
         frame.clipping = settings.partners_among().map(|among| {
             let lists = match (settings.partners, partners) {
                 (Partners::ObjectSpace, Some(kept)) if kept.serve(model, among) => Cow::Borrowed(kept),
@@ -72,6 +77,13 @@ impl<'a> Frame<'a> {
             Clipping::new(model, lists, settings)
         });
         frame
+    }
+
+    /// The same frame with leaves that `source` finds, which must be exact, without surfels, in the model. Serves where surfaces
+    /// are clipped on the field ([`SplatSettings::takes_crossings`]).
+    pub fn with_crossings(mut self, source: Box<dyn CrossingSource + 'a>) -> Self {
+        self.source = Some(source);
+        self
     }
 
     /// The partners that the frame clips with; `None` where its settings need none.
@@ -150,6 +162,26 @@ impl<'a> Frame<'a> {
             clipper: None,
         };
         (tile, leaves)
+    }
+
+    /// What the rays of a tile cross of the leaves without surfels: at the middle of the pixels, then at each other place within
+    /// them that is sampled; and the depth that all of the tile's are relative to.
+    fn crossed(&self, rect: PixelRect, members: &Members<'_>) -> (f64, Vec<(DVec2, Crossed<'_>)>) {
+        let mut anchor = bins::anchor_of(members, self.model, &self.view);
+        let Some(source) = &self.source else { return (anchor, Vec::new()) };
+        let middle = DVec2::splat(0.5);
+        let others = sample_offsets(self.samples).iter().copied().filter(|offset| *offset != middle);
+        let tiles: Vec<_> =
+            std::iter::once(middle).chain(others).map(|offset| (offset, source.crossings(rect, offset))).collect();
+        let Some(first) = tiles.iter().find_map(|(_, tile)| tile.crossings.first()) else {
+            return (anchor, Vec::new());
+        };
+        if members.is_empty() {
+            anchor = f64::from(first.depth);
+        }
+        let crossed =
+            |(offset, tile)| (offset, Crossed::new(self.model, &self.view, &**source, tile, (rect, anchor), offset));
+        (anchor, tiles.into_iter().map(crossed).collect())
     }
 
     /// Whether pixels can be settled at all: only the nearest boundary is wanted, and whole surfaces do not depend on how
@@ -259,16 +291,47 @@ impl Scattered {
     }
 
     /// Finds what is settled at `offset` within the pixels.
-    fn settle(&mut self, of: &TilePass<'_>, offset: DVec2, settled: &mut Settled) {
+    fn settle(
+        &mut self,
+        of: &TilePass<'_>,
+        offset: DVec2,
+        crossed: Option<&Crossed<'_>>,
+        sides: &mut SideCache,
+        settled: &mut Settled,
+    ) {
         let TilePass { frame, rect, anchor, members } = *of;
         settled.scatter(frame.level, rect, offset, &self.patches, &self.owners);
         self.blockers.iter().for_each(|(bounds, depth)| settled.block(bounds, *depth));
-        if f64::from(settled.deepest()) >= members.far_from - anchor {
+        let mut found: Vec<((u32, u32), Hit)> = Vec::new();
+        if let Some(crossed) = crossed {
+            let mut walk = Walk::default();
+            let blocks = BlockSet::new(rect, true);
+            for corner in blocks.iter().map(|block| blocks.corner(block)) {
+                let (end_x, end_y) = ((corner.0 + BLOCK).min(rect.width()), (corner.1 + BLOCK).min(rect.height()));
+                // A block with one ray that takes a closer look is traced anyway: no scan is searched for its others.
+                let mut searches = true;
+                for place in (corner.1..end_y).flat_map(|y| (corner.0..end_x).map(move |x| (x, y))) {
+                    let side =
+                        |leaf: LeafId, point| sides.steady(&frame.model.fields[leaf.0 as usize], leaf, point, searches);
+                    match steady_hit(crossed, place, &mut walk, side, settled) {
+                        Steady::Passed => {}
+                        Steady::Hit(hit) => found.push((place, hit)),
+                        Steady::Unknown(depth) => {
+                            searches = false;
+                            settled.block_pixel(place, depth);
+                        }
+                    }
+                }
+            }
+        }
+        let deepest = found.iter().map(|(_, hit)| hit.t).fold(settled.deepest(), f32::max);
+        if f64::from(deepest) >= members.far_from - anchor {
             let far = self
                 .far
                 .get_or_insert_with(|| members.far.iter().filter_map(|m| frame.blocker(rect, anchor, *m)).collect());
             far.iter().for_each(|(bounds, depth)| settled.block(bounds, *depth));
         }
+        found.iter().for_each(|(place, hit)| settled.show(*place, hit));
         settled.settle(|owner, (x, y), t, within| {
             let exact = frame.model.fields[owner.leaf as usize].exact.as_ref()?;
             let px = DVec2::new(f64::from(rect.x0 + x), f64::from(rect.y0 + y)) + offset;
@@ -278,6 +341,48 @@ impl Scattered {
             (hit.t > 0.0).then_some(((hit.t - anchor) as f32, normal))
         });
     }
+}
+
+/// What the crossings of one ray come to without a look at surfels.
+enum Steady {
+    /// None is on the result in front of what hides the rest.
+    Passed,
+    /// The nearest one is.
+    Hit(Hit),
+    /// From this depth on it takes a closer look.
+    Unknown(f32),
+}
+
+/// The nearest boundary among the crossings of the ray at `place`, in front of what is scattered there, as far as `side` knows
+/// on which side of the leaves that must be asked a point is.
+fn steady_hit(
+    crossed: &Crossed<'_>,
+    place: (u32, u32),
+    walk: &mut Walk,
+    mut side: impl FnMut(LeafId, DVec3) -> Option<bool>,
+    settled: &Settled,
+) -> Steady {
+    if !crossed.is_crossed(place) {
+        return Steady::Passed;
+    }
+    let Some(hidden_from) = settled.hidden_from(place) else { return Steady::Unknown(f32::NEG_INFINITY) };
+    crossed.begin(place, walk);
+    while let Some(peel) = crossed.next(walk).filter(|peel| peel.t < hidden_from) {
+        let point = crossed.point(walk, &peel);
+        let mut is_known = true;
+        let hit = crossed.boundary(walk, &peel, |leaf| {
+            let side = side(leaf, point);
+            is_known &= side.is_some();
+            side.unwrap_or(false)
+        });
+        match hit {
+            _ if !is_known => return Steady::Unknown(peel.t),
+            None => {}
+            Some(hit) if hit.opacity >= 1.0 && hit.facing == Facing::Front => return Steady::Hit(hit),
+            Some(hit) => return Steady::Unknown(hit.t),
+        }
+    }
+    Steady::Passed
 }
 
 /// What the rays of a set of blocks may meet.
@@ -322,10 +427,12 @@ struct TileTracer<'a> {
     traced: Option<Traced<'a>>,
     sides: SideCache,
     fragments: FragmentScratch,
+    /// By place within the pixels; none where no ray crosses a leaf without surfels.
+    crossed: Vec<(DVec2, Crossed<'a>)>,
 }
 
 impl<'a> TileTracer<'a> {
-    fn new(of: TilePass<'a>) -> Self {
+    fn new(of: TilePass<'a>, crossed: Vec<(DVec2, Crossed<'a>)>) -> Self {
         let frame = of.frame;
         let mut kept = KEPT.take().unwrap_or_default();
         if frame.settles() {
@@ -337,16 +444,27 @@ impl<'a> TileTracer<'a> {
             traced: None,
             sides: SideCache::new(frame.model.fields.len()),
             fragments: FragmentScratch::default(),
+            crossed,
         }
+    }
+
+    /// Whether the rays of a block's samples cross other leaves than those at the middle of its pixels.
+    fn is_crossed_unevenly(&self, corner: (u32, u32)) -> bool {
+        let Some(((_, middle), others)) = self.crossed.split_first() else { return false };
+        let rect = self.of.rect;
+        let mut places = (corner.1..(corner.1 + BLOCK).min(rect.height()))
+            .flat_map(|y| (corner.0..(corner.0 + BLOCK).min(rect.width())).map(move |x| (x, y)));
+        places.any(|place| others.iter().any(|(_, other)| middle.differs_at(other, place)))
     }
 
     /// Calls `each` with what every block of `set` shows at `offset` within its pixels.
     fn trace(&mut self, set: &BlockSet, offset: DVec2, mut each: impl FnMut(usize, Seen<'_>)) {
         let frame = self.of.frame;
         // Step 1: settle what can be.
+        let crossed = self.crossed.iter().find(|(place, _)| *place == offset).map(|(_, crossed)| crossed);
         let Kept { scattered, settled } = &mut *self.kept;
         let settled = frame.settles().then(|| {
-            scattered.settle(&self.of, offset, settled);
+            scattered.settle(&self.of, offset, crossed, &mut self.sides, settled);
             &*settled
         });
         // Step 2: make ready the surfels that the other blocks' rays may meet, or, where those of an earlier place do not
@@ -383,7 +501,10 @@ impl<'a> TileTracer<'a> {
                     let at = (corner, BLOCK, offset);
                     fragment::trace_block(tile, clipper, splats, &runs, at, &mut self.fragments, &mut hits);
                 }
-                _ => trace_surfaces(frame.level, tile, &runs, (corner, offset), settled, &mut self.sides, &mut hits),
+                _ => {
+                    let beside = (settled, crossed);
+                    trace_surfaces(frame.level, tile, &runs, (corner, offset), beside, &mut self.sides, &mut hits);
+                }
             }
             let surfels = || runs.iter().flat_map(|run| run.members).map(|&m| &tile.surfels[m as usize]);
             let edge_on = |s: &ViewSurfel| s.class.drawn().is_some() && s.may_enter && s.may_leave;
@@ -408,7 +529,7 @@ fn trace_surfaces(
     tile: &Tile<'_>,
     runs: &[Run<'_>],
     at: ((u32, u32), DVec2),
-    settled: Option<&Settled>,
+    beside: (Option<&Settled>, Option<&Crossed<'_>>),
     sides: &mut SideCache,
     out: &mut BlockHits,
 ) {
@@ -417,17 +538,17 @@ fn trace_surfaces(
         if let Some(avx2) = level.as_avx2() {
             avx2.vectorize(
                 #[inline(always)]
-                || trace_block(avx2, tile, runs, at, settled, sides, out),
+                || trace_block(avx2, tile, runs, at, beside, sides, out),
             );
         } else if let Some(sse2) = level.as_sse2() {
             sse2.vectorize(
                 #[inline(always)]
-                || trace_block(sse2, tile, runs, at, settled, sides, out),
+                || trace_block(sse2, tile, runs, at, beside, sides, out),
             );
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, at, settled, sides, out));
+    fearless_simd::dispatch!(level, simd => trace_block(simd, tile, runs, at, beside, sides, out));
 }
 
 #[inline(always)]
@@ -436,7 +557,7 @@ fn trace_block<S: Simd>(
     tile: &Tile<'_>,
     runs: &[Run<'_>],
     (corner, offset): ((u32, u32), DVec2),
-    settled: Option<&Settled>,
+    (settled, crossed): (Option<&Settled>, Option<&Crossed<'_>>),
     sides: &mut SideCache,
     out: &mut BlockHits,
 ) {
@@ -444,7 +565,8 @@ fn trace_block<S: Simd>(
     let mut lanes: [Vec<Hit>; LANES] = Default::default();
     for y in corner.1..corner.1 + BLOCK {
         if y < tile.rect.height() {
-            surface::trace_row(simd, tile, runs, (corner.0, y, offset), settled, sides, &mut scratch, &mut lanes);
+            let at = (corner.0, y, offset);
+            surface::trace_row(simd, tile, runs, at, settled, crossed, sides, &mut scratch, &mut lanes);
         } else {
             lanes.iter_mut().for_each(Vec::clear);
         }
@@ -471,11 +593,11 @@ impl LayerSource for Frame<'_> {
 
     fn draw(&self, rect: PixelRect) -> LayerTile {
         let members = self.bins.of(rect);
-        if members.is_empty() {
+        let (anchor, crossed) = self.crossed(rect, &members);
+        if members.is_empty() && crossed.is_empty() {
             return LayerTile::empty(rect);
         }
-        let anchor = bins::anchor_of(&members, self.model, &self.view);
-        let mut tracer = TileTracer::new(TilePass { frame: self, rect, anchor, members: &members });
+        let mut tracer = TileTracer::new(TilePass { frame: self, rect, anchor, members: &members }, crossed);
         let record = |hit: &Hit, samples: u16| Boundary {
             depth: (anchor + f64::from(hit.t)) as f32,
             normal: self.view.normal_to_world(hit.normal),
@@ -495,13 +617,16 @@ impl LayerSource for Frame<'_> {
         };
         // Step 1: all blocks at the middle of their pixels, which does for those that an edge does not cross.
         let mut crossed = BlockSet::new(rect, false);
+        let uneven: Vec<bool> =
+            everywhere.iter().map(|block| tracer.is_crossed_unevenly(everywhere.corner(block))).collect();
         tracer.trace(&everywhere, DVec2::splat(0.5), |block, seen| {
             let corner = everywhere.corner(block);
             let one_surface = |hits: &BlockHits| hits.is_uniform() && self.is_smooth(rect, anchor, corner, hits);
             match seen {
-                Seen::Settled(settled) if self.samples == 1 || one_surface(&settled.block_hits(corner)) => {}
+                Seen::Settled(settled)
+                    if self.samples == 1 || (!uneven[block] && one_surface(&settled.block_hits(corner))) => {}
                 Seen::Traced { hits, may_be_crossed }
-                    if self.samples == 1 || (!may_be_crossed && one_surface(hits)) =>
+                    if self.samples == 1 || (!may_be_crossed && !uneven[block] && one_surface(hits)) =>
                 {
                     blocks[block] = Some(traced(block, hits))
                 }

@@ -3,11 +3,13 @@
 //! A [`Frame`] is a [`LayerSource`](crate::layers::LayerSource): [`frame`] bins surfels into tiles, [`project`] turns a
 //! tile's surfels into view space, [`rows`] holds the kernels that find, solve and clip surfaces for eight rays at once,
 //! and [`surface`] puts them together for one block of pixels. The paper's own way is [`fragment`], with the weights of
-//! [`ewa`]; [`clip`] asks clipping partners, which [`clip_buffer`] finds in the picture.
+//! [`ewa`]; [`clip`] asks clipping partners, which [`clip_buffer`] finds in the picture. Leaves that are not made of surfels
+//! come from whoever finds them ([`crossed`]).
 
 pub mod bins;
 pub mod clip;
 pub mod clip_buffer;
+pub mod crossed;
 pub mod ewa;
 #[cfg(test)]
 mod figure_tests;

@@ -18,7 +18,9 @@
 //! A pixel is *settled* only if nothing else could show there: every surfel that is not scattered blocks its own pixels
 //! from its nearest depth on, and a surface is scattered as far as rays would find it, so that the thin rim of a nearer one
 //! takes its pixels from what lies behind and then, weighing too little, leaves them to the rays. Pixels that are not settled are traced ray by ray as if this module did not exist, so it
-//! decides no edge and no silhouette. On a leaf that is exact the sums only say where to look for its surface. Sums are in surfel order, so the bits do not depend on threads.
+//! decides no edge and no silhouette. On a leaf that is exact the sums only say where to look for its surface. Leaves
+//! that surfels do not find settle a pixel, or block it, by their crossings ([`super::crossed`]).
+//! Sums are in surfel order, so the bits do not depend on threads.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x8, u32x8};
@@ -342,6 +344,40 @@ impl Settled {
         pixels.filter_map(|place| self.covered(place)).fold(f32::NEG_INFINITY, f32::max)
     }
 
+    /// As [`block`](Self::block), at one pixel.
+    pub fn block_pixel(&mut self, (x, y): (u32, u32), depth: f32) {
+        let from = &mut self.blocked_from[y as usize * self.stride + x as usize];
+        *from = from.min(depth);
+    }
+
+    /// From which depth on nothing of what is known so far can be seen at a pixel: that of its surface, infinite without any;
+    /// `None` where there are surfels but no depth.
+    pub fn hidden_from(&self, (x, y): (u32, u32)) -> Option<f32> {
+        let place = (x as usize, y as usize);
+        let is_empty = self.plane(Plane::Lower as usize, place) == f32::INFINITY;
+        self.covered(place).or(is_empty.then_some(f32::INFINITY))
+    }
+
+    /// Settles a pixel on `hit`, an opaque front found by other means, in front of all that was scattered there; where
+    /// something may hide it, the pixel is left open.
+    pub fn show(&mut self, place: (u32, u32), hit: &Hit) {
+        let (x, y) = (place.0 as usize, place.1 as usize);
+        if !(hit.t < self.blocked_from[y * self.stride + x]) {
+            return self.block_pixel(place, hit.t);
+        }
+        let owner = Owner { leaf: hit.leaf, body: hit.body, front: true, outward: true, exact: false };
+        let number = self.owners.iter().rposition(|&known| known == owner).unwrap_or_else(|| {
+            self.owners.push(owner);
+            self.owners.len() - 1
+        });
+        self.owner[y * self.stride + x] = number as u32;
+        let values = [[1.0, hit.t].as_slice(), &hit.normal.to_array(), &hit.colour].concat();
+        for (plane, value) in values.into_iter().enumerate() {
+            *self.plane_mut(Plane::Weight as usize + plane, (x, y)) = value;
+        }
+        self.settled[y * self.words_a_row + x / 64] |= 1 << (x % 64);
+    }
+
     fn plane(&self, plane: usize, (x, y): (usize, usize)) -> f32 {
         self.planes[(y * Plane::Count as usize + plane) * self.stride + x]
     }
@@ -364,6 +400,9 @@ impl Settled {
         for y in 0..self.height as usize {
             for x in 0..self.width as usize {
                 let place = (x, y);
+                if self.settled[y * self.words_a_row + x / 64] >> (x % 64) & 1 == 1 {
+                    continue;
+                }
                 let Some(mut t) = self.covered(place) else { continue };
                 let from = self.blocked_from[y * self.stride + x];
                 let owner = self.owners[self.owner[y * self.stride + x] as usize];

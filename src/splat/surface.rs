@@ -22,6 +22,7 @@ use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::clip::{ClipScratch, Clipper};
+use super::crossed::{Crossed, Peel, Walk};
 use super::hits::{Hit, finish_ray};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot, Span};
@@ -76,6 +77,7 @@ pub struct Scratch<S: Simd> {
     reaching: Vec<u32>,
     known: Vec<Option<u64>>,
     clip: ClipScratch,
+    walks: [Walk; LANES],
 }
 
 impl<S: Simd> Default for Scratch<S> {
@@ -87,6 +89,7 @@ impl<S: Simd> Default for Scratch<S> {
             reaching: Vec::new(),
             known: Vec::new(),
             clip: ClipScratch::default(),
+            walks: Default::default(),
         }
     }
 }
@@ -118,15 +121,34 @@ impl SideCache {
 
     /// Whether `p_in_world`, which no surfel of `leaf` reaches, is inside it.
     fn inside(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> bool {
-        let answers = &mut self.answers[leaf.0 as usize];
-        let holds = |side: &&Side| p_in_world.distance_squared(side.p_in_world) < side.clearance_squared;
-        if let Some(side) = answers.iter().find(holds) {
-            return side.inside;
+        self.remembered(leaf, p_in_world).unwrap_or_else(|| self.asked(field, leaf, p_in_world).0)
+    }
+
+    /// Whether `p_in_world` is inside `leaf`, where that holds all around it; `None` near the leaf's surface, and where its side
+    /// is not steady. Without `searches` only what is remembered counts.
+    pub fn steady(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3, searches: bool) -> Option<bool> {
+        if let Some(known) = self.remembered(leaf, p_in_world) {
+            return Some(known);
         }
+        if !searches || !field.has_steady_sides() || field.reaches(p_in_world, 0.0) {
+            return None;
+        }
+        let (inside, is_steady) = self.asked(field, leaf, p_in_world);
+        is_steady.then_some(inside)
+    }
+
+    fn remembered(&self, leaf: LeafId, p_in_world: DVec3) -> Option<bool> {
+        let holds = |side: &&Side| p_in_world.distance_squared(side.p_in_world) < side.clearance_squared;
+        self.answers[leaf.0 as usize].iter().find(holds).map(|side| side.inside)
+    }
+
+    /// The side of `p_in_world`, and whether it is steady and so remembered.
+    fn asked(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> (bool, bool) {
+        let answers = &mut self.answers[leaf.0 as usize];
         let side = field.far_side(p_in_world);
         let clearance = field.steady_distance(&side, p_in_world);
         if !(clearance > 0.0) {
-            return side.inside;
+            return (side.inside, false);
         }
         let answer = Side { p_in_world, clearance_squared: clearance * clearance, inside: side.inside };
         let oldest = &mut self.oldest[leaf.0 as usize];
@@ -135,7 +157,7 @@ impl SideCache {
             None => answers.push(answer),
         }
         *oldest = (*oldest + 1) % REMEMBERED;
-        side.inside
+        (side.inside, true)
     }
 }
 
@@ -145,8 +167,8 @@ const ALL_LANES: u64 = (1 << LANES) - 1;
 /// Where a row is traced: first column and row, tile-relative, and the place within the pixel.
 pub type At = (u32, u32, DVec2);
 
-/// Traces eight rays of the tile from `at` on, but for the pixels that are `settled`, whose hits are known. `hits[lane]` are
-/// what each meets, front to back.
+/// Traces eight rays of the tile from `at` on, but for the pixels that are `settled`, whose hits are known; `crossed` are the
+/// leaves that surfels do not find. `hits[lane]` are what each meets, front to back.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub fn trace_row<S: Simd>(
@@ -155,6 +177,7 @@ pub fn trace_row<S: Simd>(
     runs: &[Run<'_>],
     at: At,
     settled: Option<&Settled>,
+    crossed: Option<&Crossed<'_>>,
     cache: &mut SideCache,
     scratch: &mut Scratch<S>,
     hits: &mut [Vec<Hit>; LANES],
@@ -192,6 +215,7 @@ pub fn trace_row<S: Simd>(
                     &row,
                     tile,
                     runs,
+                    crossed,
                     run,
                     &touching,
                     slot,
@@ -206,6 +230,9 @@ pub fn trace_row<S: Simd>(
         }
         scratch.slots = slots;
         scratch.touching = touching;
+    }
+    if let Some(crossed) = crossed {
+        resolve_crossed(&row, tile, runs, crossed, nearest_only, &mut hidden_from, at, cache, scratch, hits);
     }
     for lane in hits.iter_mut() {
         finish_ray(lane, nearest_only);
@@ -249,6 +276,7 @@ fn resolve<S: Simd>(
     row: &Row<S>,
     tile: &Tile<'_>,
     runs: &[Run<'_>],
+    crossed: Option<&Crossed<'_>>,
     run: &Run<'_>,
     touching: &[u32],
     slot: &Slot<S>,
@@ -389,7 +417,8 @@ fn resolve<S: Simd>(
                             None => {
                                 let near = residual.near[place];
                                 let touching = &mut scratch.reaching;
-                                let bits = sides(row, tile, runs, near, &t, &points, mask, cache, touching);
+                                let bits =
+                                    sides(row, tile, runs, crossed, near, &t, (at, &points), mask, cache, touching);
                                 known[place] = Some(bits);
                                 bits
                             }
@@ -432,6 +461,77 @@ fn resolve<S: Simd>(
     }
 }
 
+/// Adds what the rays see of the leaves that surfels do not find. The i-th peels of all rays that may be boundaries are
+/// resolved together, so that a scan is asked for all of them at once.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn resolve_crossed<S: Simd>(
+    row: &Row<S>,
+    tile: &Tile<'_>,
+    runs: &[Run<'_>],
+    crossed: &Crossed<'_>,
+    nearest_only: bool,
+    hidden_from: &mut f32x8<S>,
+    at: At,
+    cache: &mut SideCache,
+    scratch: &mut Scratch<S>,
+    hits: &mut [Vec<Hit>; LANES],
+) {
+    let place = |lane: usize| (at.0 + lane as u32, at.1);
+    let mut walks = std::mem::take(&mut scratch.walks);
+    let mut open = 0_u64;
+    for lane in (0..LANES).filter(|&lane| row.live.test(lane) && crossed.is_crossed(place(lane))) {
+        crossed.begin(place(lane), &mut walks[lane]);
+        open |= 1 << lane;
+    }
+    let mut hidden: [f32; LANES] = (*hidden_from).into();
+    let mut known = std::mem::take(&mut scratch.known);
+    while open != 0 {
+        let mut peels: [Option<Peel<'_>>; LANES] = [None; LANES];
+        let (mut t, mut points) = ([f32::INFINITY; LANES], [DVec3::ZERO; LANES]);
+        let going = open;
+        for lane in (0..LANES).filter(|lane| going >> lane & 1 == 1) {
+            match crossed.next(&mut walks[lane]) {
+                Some(peel) if !(nearest_only && peel.t >= hidden[lane]) => {
+                    t[lane] = peel.t;
+                    points[lane] = crossed.point(&walks[lane], &peel);
+                    peels[lane] = Some(peel);
+                }
+                _ => open &= !(1 << lane),
+            }
+        }
+        known.clear();
+        known.resize(tile.model.fields.len(), None);
+        let mask = open;
+        for lane in (0..LANES).filter(|lane| mask >> lane & 1 == 1) {
+            let Some(peel) = &peels[lane] else { continue };
+            let hit = crossed.boundary(&mut walks[lane], peel, |leaf| {
+                let bits = match known[leaf.0 as usize] {
+                    Some(bits) => bits,
+                    None => {
+                        let touching = &mut scratch.reaching;
+                        let bits = sides(row, tile, runs, None, leaf, &t, (at, &points), mask, cache, touching);
+                        known[leaf.0 as usize] = Some(bits);
+                        bits
+                    }
+                };
+                bits >> lane & 1 == 1
+            });
+            let Some(hit) = hit else { continue };
+            if hit.opacity >= 1.0 {
+                hidden[lane] = hidden[lane].min(hit.t);
+                if nearest_only {
+                    open &= !(1 << lane);
+                }
+            }
+            hits[lane].push(hit);
+        }
+    }
+    scratch.known = known;
+    scratch.walks = walks;
+    *hidden_from = f32x8::load_array(row.simd, hidden);
+}
+
 /// How the result changes where `own` is crossed at `p_in_world`, by the whole expression, and whose material lies behind.
 fn crossing_of_tree(
     tile: &Tile<'_>,
@@ -463,16 +563,19 @@ fn sides<S: Simd>(
     row: &Row<S>,
     tile: &Tile<'_>,
     runs: &[Run<'_>],
+    crossed: Option<&Crossed<'_>>,
     near: LeafId,
     t: &[f32; LANES],
-    points: &[DVec3; LANES],
+    (at, points): (At, &[DVec3; LANES]),
     mask: u64,
     cache: &mut SideCache,
     touching: &mut Vec<u32>,
 ) -> u64 {
     let field = &tile.model.fields[near.0 as usize];
     if let Some(exact) = &field.exact {
-        let inside = |lane: &usize| exact.contains(points[*lane]);
+        // On a ray whose crossings with the leaf are known they tell the side.
+        let told = |lane: usize| crossed.and_then(|crossed| crossed.inside((at.0 + lane as u32, at.1), near, t[lane]));
+        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(points[*lane]));
         return (0..LANES).filter(|l| mask >> l & 1 == 1).filter(inside).fold(0, |bits, lane| bits | 1 << lane);
     }
     let lanes = mask32x8::from_bitmask(row.simd, mask);

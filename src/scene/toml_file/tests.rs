@@ -22,6 +22,7 @@ cylinder = { from = [0, 0, -5], to = [0, 0, 5], radius = 0.8 }
 color = "#ff0000"
 opacity = 0.5
 spacing = 0.01
+represent = "mesh"
 
 [leaf.ball]
 box = { centre = [1, 0, 0], size = 2 }
@@ -59,6 +60,7 @@ fn a_full_scene_is_read() {
     let p = femur.world_from_leaf.transform_point3(DVec3::Y);
     assert!((p - DVec3::new(1.0, 2.0, 5.0)).length() < 1e-12, "{p}");
     assert_eq!((drill.colour, drill.opacity, drill.spacing), (Some([1.0, 0.0, 0.0]), 0.5, Some(0.01)));
+    assert_eq!((femur.represent, drill.represent), (None, Some(Representation::Mesh)));
     let LeafSource::Solid(Solid::Box { min, max }) = ball.source else { panic!("a box") };
     assert_eq!((min, max), (DVec3::new(0.0, -1.0, -1.0), DVec3::new(2.0, 1.0, 1.0)));
     assert_eq!(ball.world_from_leaf.transform_point3(DVec3::ONE), DVec3::new(6.0, 7.0, 6.0));
@@ -135,6 +137,7 @@ fn mistakes_are_told_with_line_column_and_mend() {
         (with("opacity = 1.5"), (3, 11), &["0 to 1"]),
         (with("opacity = nan"), (3, 11), &["finite"]),
         (with("kind = 'open'"), (3, 8), &["\"sheet\""]),
+        (with("represent = 'splat'"), (3, 13), &["\"splat\"", "\"surfels\""]),
         (with("spacing = 0"), (3, 11), &["larger than 0"]),
         // The whole.
         ("".into(), (1, 1), &["no leaf", "[leaf.body]"]),

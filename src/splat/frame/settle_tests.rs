@@ -30,7 +30,7 @@ fn settled(frame: &Frame<'_>) -> Vec<bool> {
             continue;
         }
         let anchor = bins::anchor_of(&members, frame.model, &frame.view);
-        let mut tracer = TileTracer::new(TilePass { frame, rect, anchor, members: &members });
+        let mut tracer = TileTracer::new(TilePass { frame, rect, anchor, members: &members }, Vec::new());
         tracer.trace(&BlockSet::new(rect, true), DVec2::splat(0.5), |_, _| {});
         for y in 0..rect.height() {
             for x in 0..rect.width() {
