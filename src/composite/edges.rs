@@ -19,12 +19,14 @@
 //!
 //! *Practice.* A surface that bends within a few pixels, as a scan's corner that its surfels round off, has a crease where
 //! its normal turns fastest, if over three pixels it turns by more than the threshold; a curved surface turns evenly and has
-//! none. Where nothing changes between two pixels, which is nearly everywhere, the first loop of [`Detector::pair`] is all
-//! that runs. Each pair of pixels is looked at by the tile of its left or upper one alone.
+//! none. Where nothing changes between two pixels, which is nearly everywhere, [`Facets::alike`] is all that runs. Each pair of
+//! pixels is looked at by the tile of its left or upper one alone.
+
+use std::ops::Range;
 
 use glam::Vec2;
 
-use super::facets::{Facet, FacetStrip};
+use super::facets::{Facet, FacetStrip, Facets, Limits};
 use crate::layers::NO_LEAF;
 use crate::scene::style::LineSettings;
 
@@ -79,11 +81,34 @@ const PEAK: f32 = 1.1;
 /// Finds edges by one set of thresholds.
 pub(super) struct Detector<'a> {
     strip: &'a FacetStrip,
-    jump_px: f32,
+    limits: Limits,
+    /// As a chord of the unit circle.
     crease: f32,
-    cos_suspicious: f32,
     /// By leaf: whether lines that bound it are heavy.
     heavy: &'a [bool],
+}
+
+/// Buffers of a tile.
+#[derive(Default)]
+struct Scratch {
+    alike: Vec<u8>,
+    /// The facets of two pixels.
+    pair: [Vec<Facet>; 2],
+    /// By pixel of the tile.
+    found: Vec<(u32, EdgePoint)>,
+    points: Vec<EdgePoint>,
+}
+
+/// A row of a tile's pixels.
+#[derive(Clone, Copy)]
+struct Row<'a> {
+    tile: &'a Facets,
+    /// Of its pixels' facets, and one more.
+    offsets: &'a [u32],
+    /// Number of its first pixel in the tile.
+    first: u32,
+    x0: u32,
+    y: u32,
 }
 
 /// Two pixels side by side (`axis` 0) or one above the other (1).
@@ -98,49 +123,126 @@ impl<'a> Detector<'a> {
     /// Over `strip`, by the thresholds of `settings`.
     pub fn new(strip: &'a FacetStrip, settings: &LineSettings, heavy: &'a [bool]) -> Self {
         let crease = settings.crease_degrees.to_radians();
-        Self { strip, jump_px: settings.jump_px, crease, cos_suspicious: (SUSPICIOUS_SHARE * crease).cos(), heavy }
+        let least_cos = (SUSPICIOUS_SHARE * crease).cos();
+        let limits = Limits { jump_px: settings.jump_px, curved_share: CURVED_SHARE, least_cos };
+        Self { strip, limits, crease: 2.0 * (0.5 * crease).sin(), heavy }
     }
 
     /// The edge points of tile `index`.
     pub fn tile(&self, index: usize) -> EdgePoints {
-        let rect = self.strip.rect(index);
-        let mut found = EdgePoints::default();
-        let mut offsets = Vec::with_capacity(rect.area() + 1);
-        offsets.push(0);
+        let (rect, tile) = (self.strip.rect(index), self.strip.tile(index));
+        let mut scratch = Scratch::default();
+        let across = rect.width() as usize;
         for y in rect.y0..rect.y1 {
-            let mut here = self.strip.at(rect.x0, y).unwrap_or_default();
-            for x in rect.x0..rect.x1 {
-                let right = self.strip.at(x + 1, y);
-                if let Some(right) = right {
-                    self.pair(here, right, Place { x, y, axis: 0 }, &mut found.points);
-                }
-                if let Some(below) = self.strip.at(x, y + 1) {
-                    self.pair(here, below, Place { x, y, axis: 1 }, &mut found.points);
-                }
-                offsets.push(found.points.len() as u32);
-                here = right.unwrap_or_default();
+            let first = (y - rect.y0) as usize * across;
+            let row = Row { tile, offsets: &tile.offsets[first..=first + across], first: first as u32, x0: rect.x0, y };
+            self.beside(row, &mut scratch);
+            let below = if y + 1 < rect.y1 {
+                Some((tile, first + across))
+            } else {
+                // The tile below begins with its first row.
+                (y + 1 < self.strip.y1).then(|| (self.strip.tile(index + self.strip.across), 0))
+            };
+            if let Some((tile, first)) = below {
+                self.below(row, tile, &tile.offsets[first..=first + across], &mut scratch);
             }
         }
-        if !found.points.is_empty() {
-            found.offsets = offsets;
+        let mut found = scratch.found;
+        if found.is_empty() {
+            return EdgePoints::default();
         }
-        found
+        found.sort_by_key(|(pixel, _)| *pixel);
+        let mut offsets = vec![0; rect.area() + 1];
+        found.iter().for_each(|(pixel, _)| offsets[*pixel as usize + 1] += 1);
+        for i in 1..offsets.len() {
+            offsets[i] += offsets[i - 1];
+        }
+        EdgePoints { points: found.into_iter().map(|(_, point)| point).collect(), offsets }
+    }
+
+    /// Compares the pixels of a row each with the next.
+    fn beside(&self, row: Row, scratch: &mut Scratch) {
+        let count = |i: usize| row.offsets[i + 1] - row.offsets[i];
+        let across = row.offsets.len() - 1;
+        let mut x = 0;
+        while x < across {
+            // Pixels of as many facets each: those of one lie as far before those of the next.
+            let (begin, facets) = (x, count(x));
+            while x + 1 < across && count(x + 1) == facets {
+                x += 1;
+            }
+            let (a, b) = (row.offsets[begin] as usize..row.offsets[x] as usize, facets as usize);
+            let next = a.start + b..a.end + b;
+            if !row.tile.alike(a, row.tile, next, 0, &self.limits, &mut scratch.alike) {
+                for i in begin..x {
+                    let of_pixel = (i - begin) * b..(i - begin + 1) * b;
+                    if scratch.alike[of_pixel].contains(&0) {
+                        self.slow_pair(
+                            row,
+                            i,
+                            (row.tile, row.offsets[i + 1] as usize..row.offsets[i + 2] as usize),
+                            0,
+                            scratch,
+                        );
+                    }
+                }
+            }
+            // The last of them and the next pixel, which may be another tile's.
+            if let Some(other) = self.strip.at(row.x0 + x as u32 + 1, row.y) {
+                self.slow_pair(row, x, other, 0, scratch);
+            }
+            x += 1;
+        }
+    }
+
+    /// Compares the pixels of a row with those of the row below, whose facets have `offsets` in `below`.
+    fn below(&self, row: Row, below: &Facets, offsets: &[u32], scratch: &mut Scratch) {
+        let counts = |i: usize| (row.offsets[i + 1] - row.offsets[i], offsets[i + 1] - offsets[i]);
+        let across = row.offsets.len() - 1;
+        let mut x = 0;
+        while x < across {
+            // Pixels of as many facets as the one below: facets lie side by side in both rows.
+            let begin = x;
+            while x < across && counts(x).0 == counts(x).1 {
+                x += 1;
+            }
+            let (a, b) = (row.offsets[begin]..row.offsets[x], offsets[begin]..offsets[x]);
+            let (a, b) = (a.start as usize..a.end as usize, b.start as usize..b.end as usize);
+            let start = a.start;
+            if !row.tile.alike(a, below, b, 1, &self.limits, &mut scratch.alike) {
+                for i in begin..x {
+                    let of_pixel = row.offsets[i] as usize - start..row.offsets[i + 1] as usize - start;
+                    if scratch.alike[of_pixel].contains(&0) {
+                        self.slow_pair(row, i, (below, offsets[i] as usize..offsets[i + 1] as usize), 1, scratch);
+                    }
+                }
+            }
+            if x < across {
+                self.slow_pair(row, x, (below, offsets[x] as usize..offsets[x + 1] as usize), 1, scratch);
+                x += 1;
+            }
+        }
+    }
+
+    /// Compares pixel `i` of `row` with one beside or below it.
+    fn slow_pair(&self, row: Row, i: usize, other: (&Facets, Range<usize>), axis: usize, scratch: &mut Scratch) {
+        let Scratch { pair: [p, q], points, found, .. } = scratch;
+        p.clear();
+        q.clear();
+        p.extend((row.offsets[i] as usize..row.offsets[i + 1] as usize).map(|k| row.tile.get(k)));
+        q.extend(other.1.map(|k| other.0.get(k)));
+        points.clear();
+        self.pair(p, q, Place { x: row.x0 + i as u32, y: row.y, axis }, points);
+        found.extend(points.drain(..).map(|point| (row.first + i as u32, point)));
     }
 
     /// Whether `q`, the next pixel along `axis`, shows the surface of `p`.
     #[inline]
     fn goes_on(&self, p: &Facet, q: &Facet, axis: usize) -> bool {
-        let deeper = p.deeper(q);
-        let amiss = (deeper - p.step[axis]).abs().min((deeper - q.step[axis]).abs());
-        p.facing == q.facing && amiss <= self.jump_px + CURVED_SHARE * p.step[axis].abs().min(q.step[axis].abs())
+        p.facing == q.facing && self.limits.goes_on(p.deeper(q), p.step[axis], q.step[axis])
     }
 
     fn pair(&self, p: &[Facet], q: &[Facet], place: Place, out: &mut Vec<EdgePoint>) {
-        let alike =
-            |(a, b): (&Facet, &Facet)| self.goes_on(a, b, place.axis) && a.normal.dot(b.normal) >= self.cos_suspicious;
-        if p.len() == q.len() && p.iter().zip(q).all(alike) {
-            return;
-        }
         let deepest = p.len().max(q.len()) as u16;
         let mut first_open = out.len();
         let (mut i, mut j) = (0, 0);
@@ -155,7 +257,7 @@ impl<'a> Detector<'a> {
                     let open = out[first_open..].iter_mut().filter(|edge| edge.kind == EdgeKind::Silhouette);
                     open.for_each(|edge| edge.until = layer.max(edge.layer + 1));
                 }
-                if a.normal.dot(b.normal) < self.cos_suspicious
+                if a.normal.dot(b.normal) < self.limits.least_cos
                     && let Some(edge) = self.crease(a, b, place)
                 {
                     out.push(EdgePoint { layer, until: layer + 1, ..edge });
@@ -202,24 +304,23 @@ impl<'a> Detector<'a> {
 
     /// Where the surface of `p` folds into that of `q`.
     fn crease(&self, p: &Facet, q: &Facet, place: Place) -> Option<EdgePoint> {
-        let angle = angle(p, q);
+        let mut turned = turn(p, q);
         let before = self.neighbour(p, place, -1);
         let after = self.neighbour(q, place, 2);
-        let side = |a: Option<Facet>, b: &Facet| a.map_or(0.0, |a| self::angle(&a, b));
-        let (angle_before, angle_after) = (side(before, p), side(after, q));
+        let turn_before = before.map_or(0.0, |before| turn(&before, p));
+        let turn_after = after.map_or(0.0, |after| turn(q, &after));
         // The fastest turn is the crease; of two alike, the first.
-        if !(angle >= angle_before && angle > angle_after) {
+        if !(turned >= turn_before && turned > turn_after) {
             return None;
         }
         let mut ends = (*p, *q, 0.0, 1.0);
-        let mut turned = angle;
-        if angle < self.crease {
+        if turned < self.crease {
             // Towards a silhouette every body turns faster; only a turn that slows down again is a crease.
             let (Some(before), Some(after)) = (before, after) else { return None };
-            if !(angle >= PEAK * angle_before.max(angle_after)) {
+            if !(turned >= PEAK * turn_before.max(turn_after)) {
                 return None;
             }
-            turned = self::angle(&before, &after);
+            turned = turn(&before, &after);
             ends = (before, after, -1.0, 2.0);
         }
         let strength = (turned / self.crease - 1.0) / (FULL_CREASE - 1.0);
@@ -279,11 +380,11 @@ impl<'a> Detector<'a> {
     fn neighbour(&self, facet: &Facet, place: Place, offset: i32) -> Option<Facet> {
         let mut at = [place.x, place.y];
         at[place.axis] = at[place.axis].checked_add_signed(offset)?;
-        let candidates = self.strip.at(at[0], at[1])?;
-        let goes_on = |c: &&Facet| {
+        let (tile, candidates) = self.strip.at(at[0], at[1])?;
+        let goes_on = |c: &Facet| {
             if offset < 0 { self.goes_on(c, facet, place.axis) } else { self.goes_on(facet, c, place.axis) }
         };
-        candidates.iter().find(goes_on).copied()
+        candidates.map(|k| tile.get(k)).find(goes_on)
     }
 
     fn is_heavy(&self, facet: &Facet) -> bool {
@@ -311,8 +412,8 @@ fn trusted(t: f32, across: Vec2) -> (f32, Vec2) {
     }
 }
 
-/// Between two facets' normals, radians.
-fn angle(a: &Facet, b: &Facet) -> f32 {
-    // A chord's length keeps its digits where a cosine near 1 has lost them.
-    2.0 * (0.5 * a.normal.distance(b.normal)).min(1.0).asin()
+/// How far two facets' normals are apart, as a chord of the unit circle: it grows with the angle, and keeps its digits where a
+/// cosine near 1 has lost them.
+fn turn(a: &Facet, b: &Facet) -> f32 {
+    a.normal.distance(b.normal)
 }

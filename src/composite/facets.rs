@@ -35,12 +35,89 @@ impl Facet {
     }
 }
 
-/// The facets of one tile, as its boundaries are listed, one sample's alone.
-#[derive(Debug)]
-struct Facets {
-    rect: PixelRect,
-    offsets: Vec<u32>,
-    list: Vec<Facet>,
+/// The facets of one tile, as its boundaries are listed, one sample's alone; an array for each of their values, so that many
+/// are compared at once.
+#[derive(Debug, Default)]
+pub(super) struct Facets {
+    rect: Option<PixelRect>,
+    /// `area + 1` offsets into the arrays, pixels row by row.
+    pub offsets: Vec<u32>,
+    depth: Vec<f32>,
+    px_per_unit: Vec<f32>,
+    step: [Vec<f32>; 2],
+    normal: [Vec<f32>; 3],
+    /// ±1, as [`Facing`].
+    facing: Vec<f32>,
+    leaf: Vec<u32>,
+}
+
+impl Facets {
+    /// Facet number `i`.
+    pub fn get(&self, i: usize) -> Facet {
+        Facet {
+            depth: self.depth[i],
+            px_per_unit: self.px_per_unit[i],
+            step: [self.step[0][i], self.step[1][i]],
+            normal: Vec3::new(self.normal[0][i], self.normal[1][i], self.normal[2][i]),
+            facing: if self.facing[i] > 0.0 { Facing::Front } else { Facing::Back },
+            leaf: self.leaf[i],
+        }
+    }
+
+    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long:
+    /// faces the same way, is at most `jump_px` and a share of the step off the tangent planes, and has a normal with at least
+    /// `least_cos` to its own. `alike` gets the answers, 1 or 0.
+    pub fn alike(
+        &self,
+        a: std::ops::Range<usize>,
+        others: &Self,
+        b: std::ops::Range<usize>,
+        axis: usize,
+        limits: &Limits,
+        alike: &mut Vec<u8>,
+    ) -> bool {
+        let count = a.len();
+        alike.clear();
+        alike.resize(count, 0);
+        // Slices of one known length: the loop is a vector loop.
+        let (za, zb) = (&self.depth[a.clone()], &others.depth[b.clone()]);
+        let (sa, sb) = (&self.step[axis][a.clone()], &others.step[axis][b.clone()]);
+        let (fa, fb) = (&self.facing[a.clone()], &others.facing[b.clone()]);
+        let [xa, ya, na] = [0, 1, 2].map(|k| &self.normal[k][a.clone()]);
+        let [xb, yb, nb] = [0, 1, 2].map(|k| &others.normal[k][b.clone()]);
+        let scale = &self.px_per_unit[a];
+        let out = &mut alike[..count];
+        let mut all = 1u8;
+        for i in 0..count {
+            let goes_on = limits.goes_on((zb[i] - za[i]) * scale[i], sa[i], sb[i]);
+            let cos = xa[i] * xb[i] + ya[i] * yb[i] + na[i] * nb[i];
+            let same = u8::from(goes_on) & u8::from(cos >= limits.least_cos) & u8::from(fa[i] == fb[i]);
+            out[i] = same;
+            all &= same;
+        }
+        all == 1
+    }
+}
+
+/// When a surface goes on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Footprints that it may be off the tangent planes.
+    pub jump_px: f32,
+    /// Of the steps that the two tangent planes foresee, so much may be amiss too: what a curved surface does between two
+    /// pixels.
+    pub curved_share: f32,
+    /// Least cosine between two normals.
+    pub least_cos: f32,
+}
+
+impl Limits {
+    /// Whether a surface goes on in a pixel where one is `deeper` by so many footprints, of the steps that each foresees.
+    #[inline(always)]
+    pub fn goes_on(&self, deeper: f32, step_a: f32, step_b: f32) -> bool {
+        let amiss = (deeper - step_a).abs().min((deeper - step_b).abs());
+        amiss <= self.jump_px + self.curved_share * step_a.abs().min(step_b.abs())
+    }
 }
 
 /// The facets of some rows of tiles.
@@ -65,8 +142,8 @@ impl FacetStrip {
         let facets: Vec<Facets> = tiles.par_iter().map(|tile| slopes.facets(tile, samples, sample)).collect();
         Self {
             across: camera.width.div_ceil(TILE_SIDE) as usize,
-            y0: facets[0].rect.y0,
-            y1: facets[facets.len() - 1].rect.y1,
+            y0: tiles[0].rect.y0,
+            y1: tiles[tiles.len() - 1].rect.y1,
             width: camera.width,
             tiles: facets,
         }
@@ -79,18 +156,24 @@ impl FacetStrip {
 
     /// The pixels of tile `index`.
     pub fn rect(&self, index: usize) -> PixelRect {
-        self.tiles[index].rect
+        self.tiles[index].rect.expect("every tile has pixels")
     }
 
-    /// The facets of a pixel, front to back; `None` outside of the strip.
+    /// The facets of tile `index`.
+    pub fn tile(&self, index: usize) -> &Facets {
+        &self.tiles[index]
+    }
+
+    /// The facets of a pixel, front to back: those of a tile, and which; `None` outside of the strip.
     #[inline]
-    pub fn at(&self, x: u32, y: u32) -> Option<&[Facet]> {
+    pub fn at(&self, x: u32, y: u32) -> Option<(&Facets, std::ops::Range<usize>)> {
         if x >= self.width || y < self.y0 || y >= self.y1 {
             return None;
         }
-        let tile = &self.tiles[((y - self.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize];
-        let index = ((y - tile.rect.y0) * tile.rect.width() + (x - tile.rect.x0)) as usize;
-        Some(&tile.list[tile.offsets[index] as usize..tile.offsets[index + 1] as usize])
+        let index = ((y - self.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
+        let (tile, rect) = (&self.tiles[index], self.rect(index));
+        let pixel = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
+        Some((tile, tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize))
     }
 }
 
@@ -133,11 +216,21 @@ impl Slopes {
     fn facets(&self, tile: &LayerTile, samples: u32, sample: u32) -> Facets {
         let rect = tile.rect;
         if tile.boundaries.is_empty() {
-            return Facets { rect, offsets: vec![0; rect.area() + 1], list: Vec::new() };
+            return Facets { rect: Some(rect), offsets: vec![0; rect.area() + 1], ..Facets::default() };
         }
-        let mut list = Vec::with_capacity(tile.boundaries.len());
-        let mut offsets = Vec::with_capacity(rect.area() + 1);
-        offsets.push(0);
+        let count = tile.boundaries.len();
+        let array = || Vec::with_capacity(count);
+        let mut facets = Facets {
+            rect: Some(rect),
+            offsets: Vec::with_capacity(rect.area() + 1),
+            depth: array(),
+            px_per_unit: array(),
+            step: [array(), array()],
+            normal: [array(), array(), array()],
+            facing: array(),
+            leaf: Vec::with_capacity(count),
+        };
+        facets.offsets.push(0);
         let mut pixel = 0;
         for y in rect.y0..rect.y1 {
             let v = (y as f32 - self.middle[1]) * self.tangent;
@@ -155,19 +248,19 @@ impl Slopes {
                     let along = normal.dot(towards);
                     // (x / (x² + e²) is at most 1 / 2e.)
                     let per_along = -along / (along * along + 0.25 / (STEEPEST * STEEPEST));
-                    let px_per_unit = if self.perspective { self.focal / boundary.depth } else { self.focal };
-                    list.push(Facet {
-                        depth: boundary.depth,
-                        px_per_unit,
-                        step: [normal.dot(self.right) * per_along, normal.dot(self.down) * per_along],
-                        normal,
-                        facing: boundary.facing,
-                        leaf: boundary.leaf,
-                    });
+                    facets.depth.push(boundary.depth);
+                    facets.px_per_unit.push(if self.perspective { self.focal / boundary.depth } else { self.focal });
+                    facets.step[0].push(normal.dot(self.right) * per_along);
+                    facets.step[1].push(normal.dot(self.down) * per_along);
+                    for (values, value) in facets.normal.iter_mut().zip(normal.to_array()) {
+                        values.push(value);
+                    }
+                    facets.facing.push(f32::from(boundary.facing as i8));
+                    facets.leaf.push(boundary.leaf);
                 }
-                offsets.push(list.len() as u32);
+                facets.offsets.push(facets.depth.len() as u32);
             }
         }
-        Facets { rect, offsets, list }
+        facets
     }
 }

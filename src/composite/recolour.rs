@@ -69,6 +69,16 @@ impl LayerSource for Recoloured<'_> {
 fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
     let mut kept = Vec::with_capacity(tile.boundaries.len());
     let mut from = 0;
+    if samples <= 1 {
+        for pixel in 1..tile.offsets.len() {
+            let to = tile.offsets[pixel] as usize;
+            kept.extend_from_slice(&tile.boundaries[from..to.min(from + most as usize)]);
+            from = to;
+            tile.offsets[pixel] = kept.len() as u32;
+        }
+        tile.boundaries = kept;
+        return tile;
+    }
     for pixel in 1..tile.offsets.len() {
         let to = tile.offsets[pixel] as usize;
         let mut seen = [0u32; MAX_SAMPLES as usize];

@@ -22,8 +22,8 @@ use crate::space::PixelRect;
 
 /// Points this many pixels away, by column and by row, take part in smoothing.
 const NEAR_PX: u32 = 3;
-/// Weight of a neighbour by its distance: a Gaussian of this width.
-const SMOOTH_PX: f32 = 1.5;
+/// The weight of a neighbour falls with its distance and ends here: (1 − d²/r²)², which is near a Gaussian of 1.5 pixels.
+const WEIGHT_ENDS_PX: f32 = 4.0;
 /// Neighbours of lines that run another way do not take part: cosine between the two.
 const SAME_WAY: f32 = 0.85;
 /// A point with fewer neighbours than this is a speck.
@@ -93,10 +93,17 @@ impl EdgeStrip {
             let (x, y) = (rect.x0 + pixel as u32 % rect.width(), rect.y0 + pixel as u32 / rect.width());
             for point in &tile.points[of_pixel[0] as usize..of_pixel[1] as usize] {
                 near.clear();
+                let overlaps = |other: &&EdgePoint| other.layer < point.until && point.layer < other.until;
+                let (first, last) = (x.saturating_sub(NEAR_PX), x + NEAR_PX);
                 for row in y.saturating_sub(NEAR_PX)..=y + NEAR_PX {
-                    for column in x.saturating_sub(NEAR_PX)..=x + NEAR_PX {
-                        let overlaps = |other: &&EdgePoint| other.layer < point.until && point.layer < other.until;
-                        near.extend(self.at(column, row).iter().filter(overlaps));
+                    if first >= rect.x0 && last < rect.x1 && row >= rect.y0 && row < rect.y1 {
+                        // The points of a tile's row lie side by side.
+                        let pixel = ((row - rect.y0) * rect.width() + (first - rect.x0)) as usize;
+                        let of_row =
+                            tile.offsets[pixel] as usize..tile.offsets[pixel + 2 * NEAR_PX as usize + 1] as usize;
+                        near.extend(tile.points[of_row].iter().filter(overlaps));
+                    } else {
+                        (first..=last).for_each(|column| near.extend(self.at(column, row).iter().filter(overlaps)));
                     }
                 }
                 strokes.extend(stroke(point, &near, settings));
@@ -111,7 +118,10 @@ fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Opt
     if near.len() <= FEWEST_NEIGHBOURS {
         return None;
     }
-    let weight = |p: &EdgePoint| (-p.at.distance_squared(point.at) / (2.0 * SMOOTH_PX * SMOOTH_PX)).exp();
+    let weight = |p: &EdgePoint| {
+        let left = (1.0 - p.at.distance_squared(point.at) / (WEIGHT_ENDS_PX * WEIGHT_ENDS_PX)).max(0.0);
+        left * left
+    };
     let alike = |p: &&EdgePoint| p.kind == point.kind;
     // The direction: of the surfaces where they know it, else of the points.
     let mut across = if point.across == Vec2::ZERO {

@@ -9,6 +9,7 @@
 //!   [`open`] gives it the reference renderer as truth.
 //! * [`unknown_search`] looks for scenes in which the paper's rule for unknown leaves fails.
 //! * [`algebra`] holds pictures of meshes against the laws of Boolean algebra.
+//! * [`line_likeness`] compares line drawings, and the layers of two pipelines.
 //! * [`chart`] draws accuracy against time, and growth.
 
 pub mod algebra;
@@ -16,6 +17,7 @@ pub mod chart;
 pub mod compare;
 pub mod difference;
 pub mod distance;
+pub mod line_likeness;
 pub mod open;
 pub mod outline;
 pub mod quality;

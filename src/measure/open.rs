@@ -1,6 +1,7 @@
 //! The pipelines as a suite opens them: the reference renderer as its truth, and what is to be judged.
 
 use super::suite::{DrawError, Drawer};
+use crate::blister::MeshFrame;
 use crate::classify::partners::PartnerLists;
 use crate::csg::LeafId;
 use crate::formats::{NoProgress, ReadOptions};
@@ -72,4 +73,26 @@ pub fn open_surfels(scene: &Scene, limit: LayerLimit, settings: SplatSettings) -
     Ok(Box::new(move |camera: &Camera| {
         Ok(LayerStack::collect(&Frame::new(&model, camera.clone(), limit, 1, settings, partners.as_ref())))
     }))
+}
+
+/// Makes `scene` ready for the mesh pipeline, one sample a pixel.
+///
+/// # Errors
+/// Where the scene cannot be loaded, or has a leaf of points.
+pub fn open_meshes(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawError> {
+    let loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
+    let model = pipeline::mesh_model(&loaded, &loaded.camera()?, Density::default())?;
+    Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&MeshFrame::new(&model, camera.clone(), limit, 1)))))
+}
+
+/// Makes `scene` ready to be drawn with every leaf in its own form, one sample a pixel.
+///
+/// # Errors
+/// Where the scene cannot be loaded or converted.
+pub fn open_own_forms(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawError> {
+    let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
+    let camera = loaded.camera()?;
+    let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Crossed, &|_| ())?;
+    let model = converted.classify().into_hybrid();
+    Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&model.frame(camera, limit, 1)))))
 }
