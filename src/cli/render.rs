@@ -1,17 +1,20 @@
 //! `surfcut render`: a scene into pictures.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use glam::{DQuat, DVec3};
+use image::RgbImage;
 use serde_json::json;
+use surfcut::composite::maps::maps;
 use surfcut::composite::shaded::tile_count;
 use surfcut::composite::{Leaves, Look, Picture, styled};
 use surfcut::csg::LeafId;
 use surfcut::layers::{LayerLimit, LayerSource, LayerStack};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
-use surfcut::scene::LoadedScene;
 use surfcut::scene::style::Style;
+use surfcut::scene::{LeafGeometry, LoadedScene};
 use surfcut::space::{Camera, CameraError, Lens, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
@@ -39,7 +42,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
-    let style = args.style.style(&loaded.scene.style, args.view.max_layers);
+    let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &camera, frame, &style, &loaded, &mut report);
     let told = report.warnings.len();
@@ -61,6 +64,10 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     }
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
+    }
+
+    if let Some(folder) = &args.style.dump_maps {
+        report.phase("maps", || drawing.dump_maps(&camera, folder))?;
     }
 
     report.count("leaves", loaded.scene.leaves.len() as u64);
@@ -94,6 +101,11 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     session.tell(&times_text(&report));
     session.write_summary(&report.to_json())?;
     Ok(code::OK)
+}
+
+/// Whether any leaf is points, whose relief ambient shade brings out.
+fn has_points(loaded: &LoadedScene) -> bool {
+    loaded.geometry.iter().any(|geometry| matches!(geometry, LeafGeometry::Cloud(_)))
 }
 
 /// Where the pictures go, each with its format; checked before anything is drawn.
@@ -185,6 +197,23 @@ impl Drawing<'_> {
         });
         bar.finish_and_clear();
         Ok(drawn)
+    }
+
+    /// Writes what the picture is made of into `folder`.
+    fn dump_maps(&self, camera: &Camera, folder: &Path) -> anyhow::Result<()> {
+        let source = self.engine.frame(camera)?;
+        let maps = maps(&*source, &self.look, &self.style, self.leaves);
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: no folder can be made there", folder.display()))?;
+        let destinations: Vec<Destination> =
+            maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
+        destinations.iter().try_for_each(|destination| destination.check(self.session.overwrite()))?;
+        for (map, destination) in maps.into_iter().zip(&destinations) {
+            let picture = RgbImage::from_raw(map.width, map.height, map.rgb).expect("a map has three bytes a pixel");
+            png::write_rgb(&picture, destination, self.session.overwrite())?;
+        }
+        self.session.tell(&format!("wrote {} maps to {}", destinations.len(), folder.display()));
+        Ok(())
     }
 
     fn styled(&self, source: &dyn LayerSource, on_tile: &(dyn Fn() + Sync)) -> Picture {

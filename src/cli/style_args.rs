@@ -15,6 +15,9 @@ pub struct StyleArgs {
     /// Opacity of surfaces in transparent styles, times each leaf's own
     #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
     pub opacity: Option<f32>,
+    /// How dark hollows are in shaded pictures [default: the scene's, else 0.6 where there are points and 0 elsewhere]
+    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    pub occlusion: Option<f32>,
     /// Width of lines in pixels
     #[arg(long, value_name = "PX", value_parser = line_width, help_heading = "Style")]
     pub line_width: Option<f32>,
@@ -30,6 +33,9 @@ pub struct StyleArgs {
     /// Colour of cut faces: cutter, leaf (that was cut), #rrggbb or a name
     #[arg(long, alias = "cut-color", value_name = "WHOSE|COLOUR", value_parser = cut_colour, help_heading = "Style")]
     pub cut_colour: Option<CutColour>,
+    /// Write what the picture is made of into this folder: each layer's depth, normals, colours and lines
+    #[arg(long, value_name = "FOLDER", value_hint = clap::ValueHint::DirPath, help_heading = "Style")]
+    pub dump_maps: Option<std::path::PathBuf>,
     /// Another hand for the sketchy style
     #[arg(long, value_name = "N", help_heading = "Style")]
     pub seed: Option<u32>,
@@ -45,6 +51,7 @@ impl StyleArgs {
             style = Style { lines, sketch, cut_colour, max_layers, ..Style::of(kind) };
         }
         style.opacity = self.opacity.unwrap_or(style.opacity);
+        style.occlusion = self.occlusion.or(style.occlusion);
         style.lines.width_px = self.line_width.unwrap_or(style.lines.width_px);
         style.lines.crease_degrees = self.crease.unwrap_or(style.lines.crease_degrees);
         if let Some((_, dash)) = self.hidden.as_ref().and_then(|hidden| HIDDEN_LINES.iter().find(|l| l.0 == hidden)) {

@@ -184,7 +184,7 @@ pub(super) fn central_sample(samples: u32) -> u32 {
 }
 
 /// What a camera makes of normals.
-struct Slopes {
+pub(super) struct Slopes {
     right: Vec3,
     down: Vec3,
     forward: Vec3,
@@ -197,7 +197,8 @@ struct Slopes {
 }
 
 impl Slopes {
-    fn new(camera: &Camera) -> Self {
+    /// As `camera` sees them.
+    pub fn new(camera: &Camera) -> Self {
         let (tangent, focal, perspective) = match camera.projection {
             Projection::Perspective { focal_px } => ((1.0 / focal_px) as f32, focal_px as f32, true),
             Projection::Orthographic { px_per_unit } => (0.0, px_per_unit as f32, false),
@@ -211,6 +212,29 @@ impl Slopes {
             focal,
             perspective,
         }
+    }
+
+    /// How many footprints deeper the tangent plane with `normal` is one pixel to the right of pixel (`x`, `y`), and one down.
+    pub fn step(&self, normal: Vec3, x: u32, y: u32) -> [f32; 2] {
+        let u = (x as f32 - self.middle[0]) * self.tangent;
+        let v = (y as f32 - self.middle[1]) * self.tangent;
+        self.step_along(normal, self.forward + self.right * u + self.down * v)
+    }
+
+    /// The same where the ray goes `towards`, one unit forward.
+    #[inline(always)]
+    fn step_along(&self, normal: Vec3, towards: Vec3) -> [f32; 2] {
+        // The plane through z·d with normal n holds z'·d' where z' (n·d') = z (n·d), and d' = d + right/f.
+        let along = normal.dot(towards);
+        // (x / (x² + e²) is at most 1 / 2e.)
+        let per_along = -along / (along * along + 0.25 / (STEEPEST * STEEPEST));
+        [normal.dot(self.right) * per_along, normal.dot(self.down) * per_along]
+    }
+
+    /// Pixels to a world unit at `depth`.
+    #[inline(always)]
+    pub fn px_per_unit(&self, depth: f32) -> f32 {
+        if self.perspective { self.focal / depth } else { self.focal }
     }
 
     fn facets(&self, tile: &LayerTile, samples: u32, sample: u32) -> Facets {
@@ -244,14 +268,11 @@ impl Slopes {
                         continue;
                     }
                     let normal = boundary.normal;
-                    // The plane through z·d with normal n holds z'·d' where z' (n·d') = z (n·d), and d' = d + right/f.
-                    let along = normal.dot(towards);
-                    // (x / (x² + e²) is at most 1 / 2e.)
-                    let per_along = -along / (along * along + 0.25 / (STEEPEST * STEEPEST));
+                    let [right, down] = self.step_along(normal, towards);
                     facets.depth.push(boundary.depth);
-                    facets.px_per_unit.push(if self.perspective { self.focal / boundary.depth } else { self.focal });
-                    facets.step[0].push(normal.dot(self.right) * per_along);
-                    facets.step[1].push(normal.dot(self.down) * per_along);
+                    facets.px_per_unit.push(self.px_per_unit(boundary.depth));
+                    facets.step[0].push(right);
+                    facets.step[1].push(down);
                     for (values, value) in facets.normal.iter_mut().zip(normal.to_array()) {
                         values.push(value);
                     }

@@ -2,12 +2,15 @@
 //!
 //! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers. The
 //! styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
-//! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines.
+//! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines; [`maps`] shows what
+//! they are made of. `occlusion` darkens the hollows of a shaded scan.
 
 mod edges;
 mod facets;
 mod layered;
+pub mod maps;
 mod noise;
+mod occlusion;
 pub mod picture;
 pub mod recolour;
 pub mod shaded;

@@ -225,9 +225,9 @@ pub fn shaded_stack(stack: &LayerStack, look: &Look) -> Picture {
 }
 
 /// A tile's pixels, row by row, and how many of them show a surface.
-struct Blended {
-    pixels: Vec<[f32; 4]>,
-    covered: u64,
+pub(super) struct Blended {
+    pub pixels: Vec<[f32; 4]>,
+    pub covered: u64,
 }
 
 /// Gives a rectangle's tile to the function that blends it.
@@ -269,7 +269,7 @@ pub fn tile_count(camera: &Camera) -> u64 {
     u64::from(camera.width.div_ceil(TILE_SIDE)) * u64::from(camera.height.div_ceil(TILE_SIDE))
 }
 
-fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Blended {
+pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, background: [f32; 4]) -> Blended {
     let mut pixels = vec![background; tile.rect.area()];
     let mut covered = 0;
     // Most pixels show one opaque surface: those are lit several at a time.

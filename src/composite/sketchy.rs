@@ -91,7 +91,7 @@ impl Hand {
     }
 
     /// The noise at a position in the picture: two values of −1 to 1.
-    fn noise_at(&self, at: Vec2) -> Vec2 {
+    pub fn noise_at(&self, at: Vec2) -> Vec2 {
         let p = at / self.settings.wavelength_px;
         Vec2::new(self.noise.at(p), self.noise.at(p + SECOND_VALUE))
     }
@@ -105,7 +105,7 @@ impl Hand {
     }
 
     /// The longest offset, in pixels.
-    fn reach_px(&self) -> u32 {
+    pub fn reach_px(&self) -> u32 {
         let corners = [Vec2::ONE, Vec2::new(1.0, -1.0)];
         let longest = corners.into_iter().flat_map(|noise| self.turned(noise)).map(Vec2::length).fold(0.0, f32::max);
         longest.ceil() as u32
@@ -141,29 +141,29 @@ impl Hand {
 }
 
 /// One layer over a tile and what lies around it.
-struct LayerWindow {
+pub(super) struct LayerWindow {
     /// Premultiplied.
-    colour: Vec<[f32; 4]>,
-    ink: Vec<f32>,
+    pub colour: Vec<[f32; 4]>,
+    pub ink: Vec<f32>,
     /// Of the surface or the line; +∞ where there is neither.
-    depth: Vec<f32>,
+    pub depth: Vec<f32>,
 }
 
 /// The layers of a tile and of the pixels within reach of it.
-struct Window {
+pub(super) struct Window {
     /// Of its first pixel; may lie outside of the picture.
     x0: i32,
     y0: i32,
     across: usize,
-    layers: Vec<LayerWindow>,
+    pub layers: Vec<LayerWindow>,
 }
 
 /// Where four pixels meet, by what shares.
-struct Tap {
+pub(super) struct Tap {
     corner: usize,
     across: usize,
     shares: [f32; 4],
-    nearest: usize,
+    pub nearest: usize,
 }
 
 impl Tap {
@@ -173,12 +173,12 @@ impl Tap {
     }
 
     #[inline]
-    fn mix(&self, of: &[f32]) -> f32 {
+    pub fn mix(&self, of: &[f32]) -> f32 {
         self.corners().iter().zip(self.shares).map(|(&i, share)| share * of[i]).sum()
     }
 
     #[inline]
-    fn mix_colour(&self, of: &[[f32; 4]]) -> [f32; 4] {
+    pub fn mix_colour(&self, of: &[[f32; 4]]) -> [f32; 4] {
         let mut mixed = [0.0; 4];
         for (i, share) in self.corners().into_iter().zip(self.shares) {
             (0..4).for_each(|c| mixed[c] += share * of[i][c]);
@@ -188,7 +188,7 @@ impl Tap {
 }
 
 impl Window {
-    fn new(strip: &Strip, index: usize, reach: u32, samples: u32, inks: &Inks, shader: &Shader) -> Self {
+    pub fn new(strip: &Strip, index: usize, reach: u32, samples: u32, inks: &Inks, shader: &Shader) -> Self {
         let rect = strip.tiles[index].rect;
         // One more for the second of two pixels that a lookup lies between.
         let reach = reach as i32 + 1;
@@ -257,7 +257,7 @@ impl Window {
     }
 
     /// The pixels around a position, in pixel indices: whole numbers are pixels' middles.
-    fn tap(&self, at: Vec2) -> Tap {
+    pub fn tap(&self, at: Vec2) -> Tap {
         let low = at.floor();
         let (u, v) = (at.x - low.x, at.y - low.y);
         let corner = (low.y as i32 - self.y0) as usize * self.across + (low.x as i32 - self.x0) as usize;

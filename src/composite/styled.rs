@@ -1,6 +1,7 @@
 //! Any style, from any source.
 
 use super::layered::layered;
+use super::occlusion::occluded;
 use super::recolour::Recoloured;
 use super::shaded::shaded;
 use super::sketchy::sketchy;
@@ -29,6 +30,9 @@ pub fn styled(
     let recoloured = Recoloured::new(source, style, leaves.colours);
     let source = if recoloured.is_plain() { source } else { &recoloured };
     match style.kind {
+        StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
+            occluded(source, look, style, style.occlusion.unwrap_or_default().min(1.0), on_tile)
+        }
         StyleKind::Shaded | StyleKind::Transparent => shaded(source, look, on_tile),
         StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
         StyleKind::Blueprint | StyleKind::Wireframe | StyleKind::EdgeTransparent => {

@@ -124,6 +124,9 @@ impl Default for SketchSettings {
     }
 }
 
+/// How dark the hollows of a shaded scan are.
+pub const SCAN_OCCLUSION: f32 = 0.6;
+
 /// A style with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
@@ -135,6 +138,8 @@ pub struct Style {
     pub tint: f32,
     /// How much weaker the ink of each layer is than that of the layer before it; 0 to 1.
     pub fade: f32,
+    /// How dark hollows are (shaded alone); 0 to 1. `None` is [`SCAN_OCCLUSION`] in scenes with points and none in others.
+    pub occlusion: Option<f32>,
     /// Lines.
     pub lines: LineSettings,
     /// Sketchy alone.
@@ -159,6 +164,7 @@ impl Style {
             opacity: if kind == StyleKind::Shaded { 1.0 } else { 0.4 },
             tint: 0.08,
             fade: if matches!(kind, StyleKind::Blueprint | StyleKind::Wireframe) { 0.25 } else { 0.0 },
+            occlusion: None,
             lines: LineSettings::default(),
             sketch: SketchSettings::default(),
             cut_colour: CutColour::default(),
@@ -185,6 +191,12 @@ impl Style {
         self.lines
             .ink
             .unwrap_or_else(|| linear_from_bytes(if self.kind == StyleKind::Blueprint { CHALK } else { GRAPHITE }))
+    }
+
+    /// The style in a scene that `has_points`, or has none: how dark hollows are by default depends on it.
+    pub fn for_points(self, has_points: bool) -> Self {
+        let occlusion = self.occlusion.or(has_points.then_some(SCAN_OCCLUSION));
+        Self { occlusion, ..self }
     }
 
     /// Whether deeper layers than the nearest opaque one show.

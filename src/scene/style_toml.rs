@@ -6,6 +6,7 @@
 //! opacity = 0.4               # of every surface, times its leaf's
 //! tint = 0.08                 # blueprint: opacity of a surface
 //! fade = 0.25                 # how much weaker the ink of each layer is than that of the one before
+//! occlusion = 0.6             # shaded: how dark hollows are
 //! line_width = 1.5            # pixels
 //! crease = 25                 # degrees: surfaces that meet at more have a line
 //! jump = 3                    # footprints: surfaces further apart have a line
@@ -20,11 +21,12 @@ use super::style::{CutColour, HIDDEN_LINES, SketchSettings, Style, StyleKind};
 use super::toml_file::SceneError;
 use super::toml_values::Field;
 
-const KEYS: [&str; 12] = [
+const KEYS: [&str; 13] = [
     "kind",
     "opacity",
     "tint",
     "fade",
+    "occlusion",
     "line_width",
     "crease",
     "jump",
@@ -53,6 +55,9 @@ pub(super) fn parse(field: &Field) -> Result<Style, SceneError> {
         if let Some(field) = table.get(key)? {
             *value = field.share()?;
         }
+    }
+    if let Some(occlusion) = table.get("occlusion")? {
+        style.occlusion = Some(occlusion.share()?);
     }
     if let Some(width) = table.get("line_width")? {
         style.lines.width_px = width.positive()? as f32;

@@ -1,0 +1,164 @@
+//! What a style is made of, as pictures: each layer's depth, normals, colours and lines (Blueprint Fig. 3), and for a sketch
+//! the noise and what it makes of them (Sketchy Figs. 3 and 4).
+
+use glam::{Vec2, Vec3};
+
+use super::layered::Inks;
+use super::recolour::Recoloured;
+use super::shaded::Shader;
+use super::sketchy::{Hand, Window};
+use super::strip::for_each_strip;
+use super::{Leaves, Look};
+use crate::layers::LayerSource;
+use crate::scene::colour::srgb_byte_from_linear;
+use crate::scene::style::{Style, StyleKind};
+
+/// One map, 8-bit RGB.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Map {
+    /// Fit for a file: `layer1_edges`, `noise`.
+    pub name: String,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Red, green and blue, row by row.
+    pub rgb: Vec<u8>,
+}
+
+/// A map while it is made.
+struct Growing<T> {
+    name: String,
+    values: Vec<T>,
+}
+
+/// The maps of each layer.
+struct OfLayer {
+    depth: Growing<f32>,
+    bytes: Vec<Growing<[u8; 3]>>,
+    perturbed_depth: Option<Growing<f32>>,
+}
+
+/// The kinds of a layer's maps that are bytes, in the order of [`OfLayer::bytes`].
+const BYTE_MAPS: [&str; 5] = ["normals", "colours", "edges", "perturbed_colours", "perturbed_edges"];
+/// Those of every style.
+const PLAIN_MAPS: usize = 3;
+/// Behind everything.
+const EMPTY: [u8; 3] = [255; 3];
+
+/// The maps of `source` drawn in `style`; lines are found for styles without lines too. Depth is white at the nearest surface of
+/// all layers and dark at the deepest; normals are in view space, x, y and −z as red, green and blue.
+pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {
+    // Surfaces are shown whole, whatever their opacity in the style.
+    let whole = Style { kind: StyleKind::EdgeTransparent, opacity: 1.0, ..*style };
+    let recoloured = Recoloured::new(source, &whole, leaves.colours);
+    let camera = source.camera();
+    let (width, height) = (camera.width, camera.height);
+    let area = width as usize * height as usize;
+    // Lines are found in any style.
+    let lined = if style.kind.has_lines() { *style } else { whole };
+    let hand = (style.kind == StyleKind::Sketchy).then(|| Hand::new(&style.sketch));
+    let shader = Shader::new(&look.light, camera);
+    let inks = Inks::new(&whole);
+    let samples = source.samples();
+    let mut layers: Vec<OfLayer> = Vec::new();
+    let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
+    let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
+    for_each_strip(&recoloured, &lined, leaves.heavy, &|| (), |strip| {
+        for index in strip.own.clone() {
+            let (tile, lines) = (&strip.tiles[index], &strip.lines[index]);
+            let rect = tile.rect;
+            let place = |pixel: usize| {
+                let (x, y) = (rect.x0 + pixel as u32 % rect.width(), rect.y0 + pixel as u32 / rect.width());
+                (y * width + x) as usize
+            };
+            let longest = tile.offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0);
+            let count = longest.max(lines.len()).min(inks.most);
+            for number in layers.len()..count {
+                layers.push(OfLayer::new(number, area, hand.is_some()));
+            }
+            let lit = shader.lit_tile(tile);
+            for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
+                let at = place(pixel);
+                let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
+                for (layer, index) in of_pixel.filter(|&i| tile.boundaries[i].samples & 1 == 1).take(count).enumerate()
+                {
+                    let boundary = &tile.boundaries[index];
+                    let normal = Vec3::from(view_axes.map(|axis| axis.dot(boundary.normal)));
+                    layers[layer].depth.values[at] = boundary.depth;
+                    layers[layer].bytes[0].values[at] =
+                        normal.to_array().map(|n| (127.5 + 127.5 * n).clamp(0.0, 255.0) as u8);
+                    layers[layer].bytes[1].values[at] = [0, 1, 2].map(|c| srgb_byte_from_linear(lit[index][c]));
+                }
+                for (number, layer) in layers.iter_mut().enumerate() {
+                    if let Some(map) = lines.layer(number) {
+                        layer.bytes[2].values[at] = grey(1.0 - map.ink[pixel]);
+                    }
+                }
+            }
+            let (Some(hand), Some(noise)) = (&hand, &mut noise) else { continue };
+            let window = Window::new(strip, index, hand.reach_px(), samples, &inks, &shader);
+            for (pixel, &[edge, shade]) in hand.offsets(rect).iter().enumerate() {
+                let (at, middle) = (
+                    place(pixel),
+                    Vec2::new((pixel as u32 % rect.width()) as f32, (pixel as u32 / rect.width()) as f32),
+                );
+                let p = middle + Vec2::new(rect.x0 as f32, rect.y0 as f32);
+                let values = hand.noise_at(p);
+                noise[at] = [values.x, values.y, 0.0].map(|n| (127.5 + 127.5 * n).clamp(0.0, 255.0) as u8);
+                let (at_edge, at_shade) = (window.tap(p + edge), window.tap(p + shade));
+                for (layer, of_window) in layers.iter_mut().zip(&window.layers) {
+                    let [r, g, b, a] = at_shade.mix_colour(&of_window.colour);
+                    if a > 0.0 {
+                        layer.bytes[3].values[at] = [r / a, g / a, b / a].map(srgb_byte_from_linear);
+                    }
+                    layer.bytes[4].values[at] = grey(1.0 - at_edge.mix(&of_window.ink));
+                    if let Some(depth) = &mut layer.perturbed_depth {
+                        depth.values[at] = of_window.depth[at_edge.nearest].min(of_window.depth[at_shade.nearest]);
+                    }
+                }
+            }
+        }
+    });
+    finished(layers, noise, width, height)
+}
+
+impl OfLayer {
+    fn new(number: usize, area: usize, sketchy: bool) -> Self {
+        let count = if sketchy { BYTE_MAPS.len() } else { PLAIN_MAPS };
+        let named = |kind: &str| format!("layer{}_{kind}", number + 1);
+        let bytes = BYTE_MAPS[..count].iter();
+        Self {
+            depth: Growing { name: named("depth"), values: vec![f32::INFINITY; area] },
+            bytes: bytes.map(|kind| Growing { name: named(kind), values: vec![EMPTY; area] }).collect(),
+            perturbed_depth: sketchy
+                .then(|| Growing { name: named("perturbed_depth"), values: vec![f32::INFINITY; area] }),
+        }
+    }
+}
+
+fn grey(value: f32) -> [u8; 3] {
+    [(255.0 * value).round().clamp(0.0, 255.0) as u8; 3]
+}
+
+fn finished(layers: Vec<OfLayer>, noise: Option<Vec<[u8; 3]>>, width: u32, height: u32) -> Vec<Map> {
+    let depths = layers.iter().flat_map(|layer| &layer.depth.values).filter(|z| z.is_finite());
+    let (near, far) = depths.fold((f32::INFINITY, f32::NEG_INFINITY), |(near, far), &z| (near.min(z), far.max(z)));
+    /// The deepest surface is still darker than paper and lighter than ink.
+    const DARKEST: f32 = 0.15;
+    let of_depth = |growing: Growing<f32>| {
+        let shade = |z: &f32| {
+            let deep = if far > near { (z - near) / (far - near) } else { 0.0 };
+            if z.is_finite() { grey(1.0 - (1.0 - DARKEST) * deep) } else { EMPTY }
+        };
+        (growing.name, growing.values.iter().map(shade).collect::<Vec<_>>())
+    };
+    let mut all: Vec<(String, Vec<[u8; 3]>)> = Vec::new();
+    for layer in layers {
+        all.push(of_depth(layer.depth));
+        all.extend(layer.bytes.into_iter().map(|map| (map.name, map.values)));
+        all.extend(layer.perturbed_depth.map(of_depth));
+    }
+    all.extend(noise.map(|noise| ("noise".to_owned(), noise)));
+    all.into_iter().map(|(name, values)| Map { name, width, height, rgb: values.into_flattened() }).collect()
+}
