@@ -12,11 +12,13 @@ use crate::csg::{LeafId, Tree};
 use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Lens};
 
+pub mod animation;
 pub mod colour;
 pub mod endless;
 pub mod framing;
 pub mod inline_solid;
 pub mod inspect;
+mod keyframes;
 pub mod load;
 pub mod nearest_name;
 pub mod one_liner;
@@ -27,6 +29,7 @@ pub mod toml_file;
 mod toml_values;
 pub mod tree_json;
 
+pub use animation::Animation;
 pub use load::{LeafGeometry, LoadedScene, load};
 pub use represent::{RepresentError, Representation};
 
@@ -170,6 +173,8 @@ pub struct Scene {
     pub light: Light,
     /// The unit of lengths, such as `mm`, where the scene names one.
     pub units: Option<String>,
+    /// How it moves, where it has keyframes.
+    pub animation: Option<Animation>,
 }
 
 impl Scene {
@@ -184,6 +189,7 @@ impl Scene {
             style: style::Style::default(),
             light: Light::default(),
             units: None,
+            animation: None,
         }
     }
 
