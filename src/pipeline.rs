@@ -190,9 +190,30 @@ fn mesh_leaf(loaded: &LoadedScene, id: LeafId, drawn: &Drawn) -> Option<MeshLeaf
 /// tessellated for the pixels of `camera`.
 ///
 /// # Errors
-/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::SurfelsAsMesh`] for one that is to be surfels,
-/// [`PrepareError::Triangles`] for an unusable mesh.
+/// As [`mesh_leaves`], and [`PrepareError::Triangles`] for an unusable mesh.
 pub fn mesh_model(loaded: &LoadedScene, camera: &Camera, density: Density) -> Result<MeshModel, PrepareError> {
+    mesh_model_of(loaded, &mesh_leaves(loaded, camera, density)?)
+}
+
+/// The mesh pipeline's scene over `leaves`, which [`mesh_leaves`] made of `loaded`.
+///
+/// # Errors
+/// [`PrepareError::Triangles`] for an unusable mesh.
+pub fn mesh_model_of(loaded: &LoadedScene, leaves: &[MeshLeaf]) -> Result<MeshModel, PrepareError> {
+    MeshModel::new(leaves, &loaded.canonical_tree()).map_err(|source| triangles(loaded, source))
+}
+
+fn triangles(loaded: &LoadedScene, source: MeshModelError) -> PrepareError {
+    let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
+    PrepareError::Triangles { leaf: source.leaf().map(name), source }
+}
+
+/// The leaves of `loaded` as the mesh pipeline draws them.
+///
+/// # Errors
+/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::SurfelsAsMesh`] for one that is to be surfels,
+/// [`PrepareError::Represent`] and [`PrepareError::Tessellate`] for one that cannot be what it is to be.
+pub fn mesh_leaves(loaded: &LoadedScene, camera: &Camera, density: Density) -> Result<Vec<MeshLeaf>, PrepareError> {
     let tree = loaded.canonical_tree();
     let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
     let leaf = |id: LeafId| {
@@ -202,8 +223,7 @@ pub fn mesh_model(loaded: &LoadedScene, camera: &Camera, density: Density) -> Re
             _ => PrepareError::SurfelsAsMesh { leaf: name(id) },
         })
     };
-    let leaves = tree.leaves().into_iter().map(leaf).collect::<Result<Vec<_>, _>>()?;
-    MeshModel::new(&leaves, &tree).map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
+    tree.leaves().into_iter().map(leaf).collect()
 }
 
 /// Whether a leaf that the expression names is drawn as surfels and nothing else.
