@@ -18,17 +18,21 @@ use super::args::{RenderArgs, ViewArgs};
 use super::engine::{Engine, FrameArgs, engine};
 use super::failure::{UsageError, code};
 use super::memory::Held;
-use super::{Session, input, memory};
+use super::progress::Bars;
+use super::{Session, input, memory, sequence};
 
 /// The picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum PictureFormat {
+pub enum PictureFormat {
     Png,
     Exr,
 }
 
 /// Draws the scene and writes every output, or none: what would be refused is refused before the first ray.
 pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
+    if args.sequence.is_asked_for() {
+        return sequence::run(args, session);
+    }
     let outputs = outputs(args, session)?;
     let mut report = Report::new(std::env::args().collect());
     let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
@@ -47,9 +51,9 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
-    let leaf_colours: Vec<[f32; 3]> = (0..loaded.scene.leaves.len()).map(|i| loaded.colour(LeafId(i as u32))).collect();
+    let leaf_colours = leaf_colours(&loaded);
     let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
-    let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, session };
+    let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, bars: session.bars };
     let (picture, stack) = drawing.draw(&camera, &mut report)?;
     for warning in engine.warnings() {
         session.tell(&format!("warning: {warning}"));
@@ -71,29 +75,60 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         report.warnings.push(warning.into());
         session.tell(&format!("warning: {warning}"));
     }
-    let info = PictureInfo {
-        scene: report.scene.clone(),
-        units: report.units.clone(),
-        px_per_unit: match camera.projection {
-            Projection::Orthographic { px_per_unit } => Some(px_per_unit),
-            Projection::Perspective { .. } => None,
-        },
-    };
+    let info = picture_info(&report, &camera);
+    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers: args.view.max_layers, info };
     for (destination, format) in &outputs {
         let watch = Stopwatch::start();
-        match (format, &stack) {
-            (PictureFormat::Exr, Some(stack)) => {
-                let most = args.view.max_layers.map(|n| n as usize);
-                exr::write(&picture, stack, &look.light, most, &info, destination, session.overwrite())?;
-            }
-            _ => png::write(&picture, &info, destination, session.overwrite())?,
-        }
+        files.write(*format, destination, session.overwrite())?;
         report.add_phase("write", watch.times());
         session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
     }
     session.tell(&times_text(&report));
     session.write_summary(&report.to_json())?;
     Ok(code::OK)
+}
+
+/// The leaves' colours where they are of one, by index.
+pub fn leaf_colours(loaded: &LoadedScene) -> Vec<[f32; 3]> {
+    (0..loaded.scene.leaves.len()).map(|leaf| loaded.colour(LeafId(leaf as u32))).collect()
+}
+
+/// What a picture's file says of itself.
+pub fn picture_info(report: &Report, camera: &Camera) -> PictureInfo {
+    PictureInfo {
+        scene: report.scene.clone(),
+        units: report.units.clone(),
+        px_per_unit: match camera.projection {
+            Projection::Orthographic { px_per_unit } => Some(px_per_unit),
+            Projection::Perspective { .. } => None,
+        },
+    }
+}
+
+/// What the files of one picture are made of.
+pub struct Files<'a> {
+    /// The picture, and its layers where a file holds them.
+    pub drawn: (&'a Picture, Option<&'a LayerStack>),
+    /// How it was drawn.
+    pub look: Look,
+    /// Layers of an EXR at most.
+    pub max_layers: Option<u32>,
+    /// What the files say of themselves.
+    pub info: PictureInfo,
+}
+
+impl Files<'_> {
+    /// Writes one of them.
+    pub fn write(&self, format: PictureFormat, destination: &Destination, overwrite: bool) -> Result<(), OutputError> {
+        let (picture, stack) = self.drawn;
+        match (format, stack) {
+            (PictureFormat::Exr, Some(stack)) => {
+                let most = self.max_layers.map(|n| n as usize);
+                exr::write(picture, stack, &self.look.light, most, &self.info, destination, overwrite)
+            }
+            _ => png::write(picture, &self.info, destination, overwrite),
+        }
+    }
 }
 
 /// Where the pictures go, each with its format; checked before anything is drawn.
@@ -132,7 +167,7 @@ pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_la
     FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
 }
 
-fn describe(
+pub fn describe(
     args: &RenderArgs,
     camera: &Camera,
     frame: FrameArgs,
@@ -160,20 +195,27 @@ fn describe(
     report.settings.extend(settings.map(|(key, value)| (key.to_owned(), value)));
 }
 
-struct Drawing<'a> {
-    engine: &'a dyn Engine,
-    look: Look,
-    style: Style,
-    leaves: Leaves<'a>,
-    wants_layers: bool,
-    session: &'a Session,
+/// How pictures are drawn.
+pub struct Drawing<'a> {
+    /// What draws.
+    pub engine: &'a dyn Engine,
+    /// How surfaces look.
+    pub look: Look,
+    /// The style.
+    pub style: Style,
+    /// What the style knows of leaves.
+    pub leaves: Leaves<'a>,
+    /// Whether an output holds layers.
+    pub wants_layers: bool,
+    /// For progress.
+    pub bars: Bars,
 }
 
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
-    fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<(Picture, Option<LayerStack>)> {
+    pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<(Picture, Option<LayerStack>)> {
         let source = report.phase("prepare", || self.engine.frame(camera))?;
-        let bar = self.session.bars.count(tile_count(camera), "drawing");
+        let bar = self.bars.count(tile_count(camera), "drawing");
         let drawn = report.phase("frame", || {
             if self.wants_layers {
                 let stack = LayerStack::collect(&*source);
@@ -194,7 +236,7 @@ impl Drawing<'_> {
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
     /// frame can be kept for the next.
     fn repeat(&self, camera: &Camera, centre: DVec3, repeats: u32) -> anyhow::Result<Option<FrameTimes>> {
-        let bar = self.session.bars.count(u64::from(repeats), "repeating");
+        let bar = self.bars.count(u64::from(repeats), "repeating");
         let mut times: Vec<Times> = Vec::new();
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
@@ -221,7 +263,8 @@ pub fn turned(camera: &Camera, centre: DVec3, degrees: f64) -> Result<Camera, Ca
     Ok(Camera { projection: camera.projection, ..moved })
 }
 
-fn times_text(report: &Report) -> String {
+/// The times of the phases, for the user.
+pub fn times_text(report: &Report) -> String {
     let phases: Vec<String> = report.phases.iter().map(|(name, times)| format!("{name} {:.0} ms", times.ms)).collect();
     let frame = report.frame.map(|frame| {
         format!("; frame {:.1} ms, {:.1} ms of CPU (median of {})", frame.ms, frame.cpu_ms, frame.repeats)
