@@ -11,20 +11,7 @@
 use rayon::prelude::*;
 
 use super::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
-use crate::space::{Camera, PixelRect};
-
-/// The nearest few layers of another source.
-pub struct LimitedLayers<S> {
-    source: S,
-    most: usize,
-}
-
-impl<S: LayerSource> LimitedLayers<S> {
-    /// The nearest `most` boundaries of each sample of `source`.
-    pub fn new(source: S, most: usize) -> Self {
-        Self { source, most }
-    }
-}
+use crate::space::PixelRect;
 
 /// Counts boundaries sample by sample along one pixel.
 struct Depths([usize; MAX_SAMPLES as usize]);
@@ -47,37 +34,31 @@ impl Depths {
     }
 }
 
-impl<S: LayerSource> LayerSource for LimitedLayers<S> {
-    fn camera(&self) -> &Camera {
-        self.source.camera()
-    }
-
-    fn samples(&self) -> u32 {
-        self.source.samples()
-    }
-
-    fn draw(&self, rect: PixelRect) -> LayerTile {
-        let whole = self.source.draw(rect);
-        let mut tile = LayerTile { rect, offsets: Vec::with_capacity(whole.offsets.len()), boundaries: Vec::new() };
-        tile.offsets.push(0);
-        for pixel in whole.offsets.windows(2) {
-            let boundaries = &whole.boundaries[pixel[0] as usize..pixel[1] as usize];
-            if boundaries.len() <= self.most {
-                tile.boundaries.extend_from_slice(boundaries);
-            } else {
-                let mut depths = Depths::new();
-                for boundary in boundaries {
-                    let mut samples = 0;
-                    depths.pass(boundary, |sample, met| samples |= u16::from(met < self.most) << sample);
-                    if samples != 0 {
-                        tile.boundaries.push(Boundary { samples, ..*boundary });
-                    }
+/// The nearest `most` boundaries that each sample sees.
+pub fn first_layers(whole: &LayerTile, most: usize) -> LayerTile {
+    let mut tile = LayerTile {
+        rect: whole.rect,
+        offsets: Vec::with_capacity(whole.offsets.len()),
+        boundaries: Vec::with_capacity(whole.boundaries.len()),
+    };
+    tile.offsets.push(0);
+    for pixel in whole.offsets.windows(2) {
+        let boundaries = &whole.boundaries[pixel[0] as usize..pixel[1] as usize];
+        if boundaries.len() <= most {
+            tile.boundaries.extend_from_slice(boundaries);
+        } else {
+            let mut depths = Depths::new();
+            for boundary in boundaries {
+                let mut samples = 0;
+                depths.pass(boundary, |sample, met| samples |= u16::from(met < most) << sample);
+                if samples != 0 {
+                    tile.boundaries.push(Boundary { samples, ..*boundary });
                 }
             }
-            tile.offsets.push(tile.boundaries.len() as u32);
         }
-        tile
+        tile.offsets.push(tile.boundaries.len() as u32);
     }
+    tile
 }
 
 /// How much of the picture each layer has.
@@ -171,11 +152,7 @@ mod tests {
         let pixel = vec![with(1.0, 0b0011), with(2.0, 0b1111), with(3.0, 0b0111), with(4.0, 0b1000), with(5.0, 0b0001)];
         let source = Painted::new(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() });
         let masks = |most: usize| -> Vec<u16> {
-            let limited = LimitedLayers::new(
-                Painted::new(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() }),
-                most,
-            );
-            let tile = limited.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 });
+            let tile = first_layers(&source.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 }), most);
             assert!(tile.at(0, 1).is_empty());
             tile.at(1, 1).iter().map(|b| b.samples).collect()
         };
