@@ -336,10 +336,14 @@ impl Engine for HybridEngine {
 
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        let frame = |model: &'_ HybridModel| -> Box<dyn LayerSource + '_> { Box::new(model.frame(camera, limit, samples)) };
+        fn boxed<'m>(source: impl LayerSource + 'm) -> Box<dyn LayerSource + 'm> {
+            Box::new(source)
+        }
         Ok(match &self.parts {
-            None => frame(&self.model),
-            Some(parts) => merged(camera, samples, parts.iter().map(frame).collect()),
+            None => boxed(self.model.frame(camera, limit, samples)),
+            Some(parts) => {
+                merged(camera, samples, parts.iter().map(|part| boxed(part.frame(camera, limit, samples))).collect())
+            }
         })
     }
 

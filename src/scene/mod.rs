@@ -94,6 +94,15 @@ pub struct Leaf {
     pub spacing: Option<f64>,
     /// What it is drawn as; `None` takes what it is.
     pub represent: Option<Representation>,
+    /// Where a half-space is a section: its cut faces are hatched.
+    pub section: Option<Section>,
+}
+
+/// How a section is hatched.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Section {
+    /// Distance of the lines, world units; `None` goes by the scene's size.
+    pub hatch_spacing: Option<f64>,
 }
 
 impl Leaf {
@@ -109,6 +118,7 @@ impl Leaf {
             truth: None,
             spacing: None,
             represent: None,
+            section: None,
         }
     }
 }

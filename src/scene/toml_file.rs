@@ -18,6 +18,10 @@
 //! [leaf.ball]
 //! sphere = { centre = [1, 0, 0], radius = 0.5 }
 //!
+//! [leaf.cut]                         # a section: cuts the result, as `- cut` would, and its face is hatched
+//! half_space = { point = [0, 0, 0], normal = [0, 1, 0] }
+//! section = true
+//!
 //! [camera]                           # needless: without it the scene is framed
 //! eye = [8, -8, 5]
 //! target = [0, 0, 0]
@@ -50,7 +54,9 @@ use super::keyframes;
 use super::nearest_name::nearest_name;
 use super::style_toml;
 use super::toml_values::{Field, Source, Table};
-use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Representation, Scene, Truth, colour};
+use super::{
+    CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Representation, Scene, Section, Truth, colour,
+};
 use crate::csg::expression::{self, ExpressionError};
 use crate::csg::{LeafId, Tree};
 use crate::space::{Camera, CameraError, Lens};
@@ -324,7 +330,7 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
 }
 
 /// The keys of a leaf beside its solid's.
-const LEAF_KEYS: [&str; 12] = [
+const LEAF_KEYS: [&str; 14] = [
     "file",
     "translate",
     "rotate",
@@ -336,6 +342,8 @@ const LEAF_KEYS: [&str; 12] = [
     "truth",
     "spacing",
     "represent",
+    "section",
+    "hatch_spacing",
     "name", // only to say that the name is in the table's header
 ];
 
@@ -392,7 +400,25 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<(Leaf, Optio
     if let Some(field) = table.get("truth")? {
         leaf.truth = Some(parse_truth(&field, base_dir)?);
     }
+    leaf.section = parse_section(&table, &geometry)?;
     Ok((leaf, placement))
+}
+
+/// Where `section` is true; `geometry` is the leaf's.
+fn parse_section(table: &Table, geometry: &Field) -> Result<Option<Section>, SceneError> {
+    let spacing = table.get("hatch_spacing")?;
+    match table.get("section")? {
+        Some(field) if field.flag()? => {
+            if geometry.name != "half_space" {
+                return Err(field.bad("only a half-space is a section", "give the leaf a `half_space`, or remove it"));
+            }
+            Ok(Some(Section { hatch_spacing: spacing.map(|spacing| spacing.positive()).transpose()? }))
+        }
+        _ => match spacing {
+            Some(spacing) => Err(spacing.bad("the leaf is no section", "add `section = true`, or remove it")),
+            None => Ok(None),
+        },
+    }
 }
 
 fn file_name<'t>(field: &Field<'t>) -> Result<&'t str, SceneError> {
@@ -484,10 +510,21 @@ fn is_singular(matrix: DMat3) -> bool {
     !(columns[0].dot(columns[1].cross(columns[2])).abs() > FLAT)
 }
 
+/// The expression; sections that it does not name cut what it stands for.
 fn parse_tree(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
+    let tree = parse_expression(top, leaves)?;
+    let named = tree.leaves();
+    let is_unnamed = |leaf: &LeafId| named.binary_search(leaf).is_err();
+    let sections = (0..leaves.len()).filter(|&i| leaves[i].section.is_some()).map(|i| LeafId(i as u32));
+    Ok(sections.filter(is_unnamed).fold(tree, |tree, section| Tree::minus(tree, Tree::leaf(section))))
+}
+
+fn parse_expression(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
     let Some(field) = top.get("csg")? else {
-        return match leaves {
-            [_] => Ok(Tree::leaf(LeafId(0))),
+        let mut others = (0..leaves.len()).filter(|&i| leaves[i].section.is_none());
+        return match (others.next(), others.next(), leaves) {
+            (Some(only), None, _) => Ok(Tree::leaf(LeafId(only as u32))),
+            (None, _, [_]) => Ok(Tree::leaf(LeafId(0))),
             _ => {
                 let leaves = leaves.iter().map(|leaf| quoted(&leaf.name)).collect();
                 Err(top.error(SceneProblem::NoExpression { leaves }))
