@@ -260,6 +260,13 @@ pub struct ViewArgs {
     /// Layers drawn, where deeper ones show, and written to an EXR at most
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Picture")]
     pub max_layers: Option<u32>,
+    /// Stop at the first layer that has fewer than N pixels, where deeper ones show; what is left out is told
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Picture")]
+    pub min_pixels: Option<u64>,
+    /// Other scene content, composed by depth: an EXR of the picture's size with R, G, B, Z (planar view depth, scene units,
+    /// from the same camera) and perhaps A; may be repeated; of a sequence, a name with {frame}
+    #[arg(long, value_name = "FILE.exr", value_hint = ValueHint::FilePath, help_heading = "Picture")]
+    pub merge: Vec<PathBuf>,
     /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,

@@ -93,8 +93,7 @@ pub fn engine(
             }
             report.count("triangles", model.triangle_count() as u64);
             report.count("shared_planes", model.shared_plane_count() as u64);
-            let mut engine =
-                MeshEngine { model, parts: None, leaves, tree: loaded.canonical_tree(), products, frame };
+            let mut engine = MeshEngine { model, parts: None, leaves, tree: loaded.canonical_tree(), products, frame };
             engine.part();
             Ok(Box::new(engine))
         }

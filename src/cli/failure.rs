@@ -1,6 +1,7 @@
 //! How an error reaches the user: message, causes, and an exit code that says whose turn it is.
 
 use surfcut::csg::TooManyProducts;
+use surfcut::formats::depth_picture::DepthPictureError;
 use surfcut::measure::CompareError;
 use surfcut::output::OutputError;
 use surfcut::output::frames::FramesError;
@@ -58,6 +59,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<PrepareError>()
             || cause.is::<ReferenceError>()
             || cause.is::<TooManyProducts>()
+            || cause.is::<DepthPictureError>()
             || cause.is::<CompareError>()
         {
             return code::INPUT;

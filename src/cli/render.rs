@@ -4,15 +4,19 @@ use std::path::PathBuf;
 
 use glam::{DQuat, DVec3};
 use serde_json::json;
+use surfcut::composite::merge::Contents;
+use surfcut::composite::section::Hatching;
 use surfcut::composite::shaded::tile_count;
-use surfcut::composite::{Leaves, Look, Picture, styled};
+use surfcut::composite::{Leaves, Look, Picture, styled_with};
 use surfcut::csg::LeafId;
+use surfcut::formats::depth_picture::{self, DepthPictureError};
+use surfcut::layers::limit::LayerCounts;
 use surfcut::layers::{LayerLimit, LayerSource, LayerStack};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
 use surfcut::scene::LoadedScene;
 use surfcut::scene::style::Style;
-use surfcut::space::{Camera, CameraError, Lens, Projection};
+use surfcut::space::{Camera, CameraError, Lens, Motion, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
 use super::engine::{Engine, FrameArgs, engine};
@@ -46,23 +50,28 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let style = args.style.style(&loaded.scene.style, args.view.max_layers);
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &camera, frame, &style, &loaded, &mut report);
+    let contents = contents(&args.view.merge, &camera)?;
     let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
     report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
     let leaf_colours = leaf_colours(&loaded);
-    let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
-    let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, bars: session.bars };
-    let (picture, stack) = drawing.draw(&camera, &mut report)?;
-    for warning in engine.warnings() {
-        session.tell(&format!("warning: {warning}"));
-        report.warnings.push(warning);
-    }
-    let undecided = engine.undecided();
-    if !undecided.is_empty() {
-        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
-    }
+    let hatching = Hatching::of_scene(&loaded, &style, |_| Motion::REST);
+    let heavy = hatching.heavy();
+    let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) };
+    let drawing = Drawing {
+        engine: &*engine,
+        look,
+        style,
+        leaves,
+        contents: &contents,
+        min_pixels: args.view.min_pixels.filter(|_| frame.limit == LayerLimit::All),
+        wants_layers,
+        bars: session.bars,
+    };
+    let Drawn { picture, stack, max_layers } = drawing.draw(&camera, &mut report)?;
+    tell_of(&*engine, session, &mut report);
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
     }
@@ -76,13 +85,14 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         session.tell(&format!("warning: {warning}"));
     }
     let info = picture_info(&report, &camera);
-    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers: args.view.max_layers, info };
+    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers, info };
     for (destination, format) in &outputs {
         let watch = Stopwatch::start();
         files.write(*format, destination, session.overwrite())?;
         report.add_phase("write", watch.times());
         session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
     }
+    left_out_text(&report).into_iter().for_each(|text| session.tell(&text));
     session.tell(&times_text(&report));
     session.write_summary(&report.to_json())?;
     Ok(code::OK)
@@ -112,7 +122,7 @@ pub struct Files<'a> {
     /// How it was drawn.
     pub look: Look,
     /// Layers of an EXR at most.
-    pub max_layers: Option<u32>,
+    pub max_layers: Option<usize>,
     /// What the files say of themselves.
     pub info: PictureInfo,
 }
@@ -123,8 +133,7 @@ impl Files<'_> {
         let (picture, stack) = self.drawn;
         match (format, stack) {
             (PictureFormat::Exr, Some(stack)) => {
-                let most = self.max_layers.map(|n| n as usize);
-                exr::write(picture, stack, &self.look.light, most, &self.info, destination, overwrite)
+                exr::write(picture, stack, &self.look.light, self.max_layers, &self.info, destination, overwrite)
             }
             _ => png::write(picture, &self.info, destination, overwrite),
         }
@@ -205,32 +214,54 @@ pub struct Drawing<'a> {
     pub style: Style,
     /// What the style knows of leaves.
     pub leaves: Leaves<'a>,
+    /// Pictures that are composed with the result.
+    pub contents: &'a Contents,
+    /// A layer with fewer pixels is the first that is left out, where all layers are drawn.
+    pub min_pixels: Option<u64>,
     /// Whether an output holds layers.
     pub wants_layers: bool,
     /// For progress.
     pub bars: Bars,
 }
 
+/// What was drawn.
+pub struct Drawn {
+    /// The picture.
+    pub picture: Picture,
+    /// Its layers, where an output holds them.
+    pub stack: Option<LayerStack>,
+    /// How many of them count.
+    pub max_layers: Option<usize>,
+}
+
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
-    pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<(Picture, Option<LayerStack>)> {
+    pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
         let source = report.phase("prepare", || self.engine.frame(camera))?;
+        let stack = self.wants_layers.then(|| report.phase("frame", || LayerStack::collect(&*source)));
+        let source: &dyn LayerSource = stack.as_ref().map_or(&*source, |stack| stack);
+        let style = self.limited(source, report);
         let bar = self.bars.count(tile_count(camera), "drawing");
-        let drawn = report.phase("frame", || {
-            if self.wants_layers {
-                let stack = LayerStack::collect(&*source);
-                let picture = self.styled(&stack, &|| ());
-                (picture, Some(stack))
-            } else {
-                (self.styled(&*source, &|| bar.inc(1)), None)
-            }
-        });
+        let picture = report.phase("frame", || self.styled(source, &style, &|| bar.inc(1)));
         bar.finish_and_clear();
-        Ok(drawn)
+        Ok(Drawn { picture, stack, max_layers: style.max_layers.map(|most| most as usize) })
     }
 
-    fn styled(&self, source: &dyn LayerSource, on_tile: &(dyn Fn() + Sync)) -> Picture {
-        styled(source, &self.look, &self.style, self.leaves, on_tile)
+    /// The style, with as many layers as are worth drawing.
+    fn limited(&self, source: &dyn LayerSource, report: &mut Report) -> Style {
+        let Some(min_pixels) = self.min_pixels else { return self.style };
+        let counts = report.phase("count", || LayerCounts::of(source));
+        let most = counts.worth(min_pixels, self.style.max_layers.map(|most| most as usize));
+        let left_out = counts.left_out(most);
+        report.count("layers", counts.pixels.len() as u64);
+        report.count("layers_drawn", most as u64);
+        report.share("pixels_left_out", left_out.pixels);
+        report.share("boundaries_left_out", left_out.boundaries);
+        Style { max_layers: Some(most.max(1) as u32), ..self.style }
+    }
+
+    fn styled(&self, source: &dyn LayerSource, style: &Style, on_tile: &(dyn Fn() + Sync)) -> Picture {
+        styled_with(source, &self.look, style, self.leaves, self.contents, on_tile)
     }
 
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
@@ -242,7 +273,7 @@ impl Drawing<'_> {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
             let source = self.engine.frame(&turned)?;
-            std::hint::black_box(self.styled(&*source, &|| ()));
+            std::hint::black_box(self.styled(&*source, &self.style, &|| ()));
             if turn > 0 {
                 times.push(watch.times());
                 bar.inc(1);
@@ -261,6 +292,35 @@ pub fn turned(camera: &Camera, centre: DVec3, degrees: f64) -> Result<Camera, Ca
     let any_lens = Lens::Height(1.0);
     let moved = Camera::look_at(eye, eye + turn * camera.forward, -camera.down, any_lens, camera.width, camera.height)?;
     Ok(Camera { projection: camera.projection, ..moved })
+}
+
+/// What there is to say of the frames that `engine` has drawn.
+pub fn tell_of(engine: &dyn Engine, session: &Session, report: &mut Report) {
+    for warning in engine.warnings() {
+        session.tell(&format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
+    let undecided = engine.undecided();
+    if !undecided.is_empty() {
+        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
+    }
+}
+
+/// The pictures that `--merge` names.
+pub fn contents(paths: &[PathBuf], camera: &Camera) -> Result<Contents, DepthPictureError> {
+    let read = |path: &PathBuf| depth_picture::read(path, (camera.width, camera.height));
+    Ok(Contents::new(paths.iter().map(read).collect::<Result<_, _>>()?))
+}
+
+/// What a limit of layers leaves out, for the user.
+pub fn left_out_text(report: &Report) -> Option<String> {
+    let (pixels, boundaries) = (report.shares.get("pixels_left_out")?, report.shares.get("boundaries_left_out")?);
+    let (drawn, all) = (report.counts.get("layers_drawn")?, report.counts.get("layers")?);
+    Some(format!(
+        "{drawn} of {all} layers: {:.3} % of the pixels lack one, {:.3} % of all boundaries are left out",
+        100.0 * pixels,
+        100.0 * boundaries
+    ))
 }
 
 /// The times of the phases, for the user.

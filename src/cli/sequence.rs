@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DQuat;
 use serde_json::json;
+use surfcut::composite::section::Hatching;
 use surfcut::composite::{Leaves, Look};
 use surfcut::csg::LeafId;
+use surfcut::layers::LayerLimit;
 use surfcut::output::film::{self, FilmFormat};
 use surfcut::output::frames::{FRAME_MARK, FrameNames, Frames, RunKey};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
@@ -24,7 +26,10 @@ use super::engine::engine;
 use super::failure::{InputError, UsageError, code};
 use super::memory::Held;
 use super::progress::Bars;
-use super::render::{Drawing, Files, PictureFormat, describe, frame_args, leaf_colours, picture_info, times_text};
+use super::render::{
+    Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, leaf_colours, left_out_text, picture_info,
+    tell_of, times_text,
+};
 use super::{Session, input, memory};
 
 /// The most frames of a sequence: over an hour at 24 a second.
@@ -34,6 +39,12 @@ const MOST_FRAMES: usize = 100_000;
 struct Shot {
     camera: Camera,
     motions: Vec<(LeafId, Motion)>,
+}
+
+impl Shot {
+    fn motion(&self, leaf: LeafId) -> Motion {
+        self.motions.iter().find(|(other, _)| *other == leaf).map_or(Motion::REST, |(_, motion)| *motion)
+    }
 }
 
 /// Draws the frames that are missing and joins the films.
@@ -46,6 +57,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
     report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let shots = shots(args, &loaded)?;
+    let merged = merged(&args.view.merge, shots.len())?;
     let key = run_key(args, &loaded, shots.len())?;
     let mut targets = targets.open(&key, session)?;
     let wants_layers = targets.frames.iter().any(|(_, format)| *format == PictureFormat::Exr);
@@ -67,7 +79,6 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let told = report.warnings.len();
         let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
         let leaf_colours = leaf_colours(&loaded);
-        let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
         let mut engine = engine(&mut loaded, &args.pipeline, frame, &closest.camera, session.bars, &mut report)?;
         report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
         report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
@@ -76,18 +87,32 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let mut covered = 0;
         for &index in &missing {
             let shot = &shots[index];
+            let merged: Vec<PathBuf> = merged.iter().map(|names| names.path(index)).collect();
+            let contents = report.phase("load", || contents(&merged, &shot.camera))?;
             let watch = Stopwatch::start();
             report.phase("move", || engine.pose(&shot.motions))?;
-            let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, bars: Bars::hidden() };
-            let (picture, stack) = drawing.draw(&shot.camera, &mut report)?;
+            let hatching = Hatching::of_scene(&loaded, &style, |leaf| shot.motion(leaf));
+            let heavy = hatching.heavy();
+            let drawing = Drawing {
+                engine: &*engine,
+                look,
+                style,
+                leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) },
+                contents: &contents,
+                min_pixels: args.view.min_pixels.filter(|_| frame.limit == LayerLimit::All),
+                wants_layers,
+                bars: Bars::hidden(),
+            };
+            let Drawn { picture, stack, max_layers } = drawing.draw(&shot.camera, &mut report)?;
             times.push(watch.times());
             covered += picture.covered;
             let info = picture_info(&report, &shot.camera);
-            let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers: args.view.max_layers, info };
+            let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers, info };
             report.phase("write", || targets.write(index, &files))?;
             bar.inc(1);
         }
         bar.finish_and_clear();
+        tell_of(&*engine, session, &mut report);
         report.frame = FrameTimes::median(&times);
         report.count("pixels_covered", covered);
         if covered == 0 {
@@ -97,10 +122,25 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
             session.tell(&format!("warning: {warning}"));
         }
     }
+    left_out_text(&report).into_iter().for_each(|text| session.tell(&text));
     report.phase("join", || targets.join(args.sequence.fps, session))?;
     session.tell(&times_text(&report));
     session.write_summary(&report.to_json())?;
     Ok(code::OK)
+}
+
+/// The files that frames are composed with, one of each name for every frame.
+fn merged(paths: &[PathBuf], frames: usize) -> Result<Vec<FrameNames>, UsageError> {
+    let names = |path: &PathBuf| {
+        FrameNames::parse(path, frames).ok_or_else(|| {
+            UsageError(format!(
+                "--merge {} is one picture for many frames, whose cameras differ: put {FRAME_MARK} into its name, for one \
+                 picture a frame, numbered from 0000",
+                path.display()
+            ))
+        })
+    };
+    paths.iter().map(names).collect()
 }
 
 /// What every frame shows.
@@ -185,11 +225,11 @@ fn run_key(args: &RenderArgs, loaded: &LoadedScene, frames: usize) -> anyhow::Re
     if flags.sequence.turntable.is_some() {
         flags.sequence.fps = 0.0;
     }
+    let content = |path: &Path| -> anyhow::Result<PathBuf> {
+        Ok(format!("{:032x}", XxHash3_128::oneshot(&fs::read(path)?)).into())
+    };
     let mut scene = loaded.scene.clone();
     for leaf in &mut scene.leaves {
-        let content = |path: &Path| -> anyhow::Result<PathBuf> {
-            Ok(format!("{:032x}", XxHash3_128::oneshot(&fs::read(path)?)).into())
-        };
         if let LeafSource::File(path) = &mut leaf.source {
             *path = content(path)?;
         }

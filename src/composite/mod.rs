@@ -7,9 +7,11 @@
 mod edges;
 mod facets;
 mod layered;
+pub mod merge;
 mod noise;
 pub mod picture;
 pub mod recolour;
+pub mod section;
 pub mod shaded;
 mod sketchy;
 mod strip;
@@ -20,4 +22,4 @@ mod tests;
 
 pub use picture::Picture;
 pub use shaded::{Look, shaded, shaded_stack};
-pub use styled::{Leaves, styled};
+pub use styled::{Leaves, styled, styled_with};
