@@ -75,7 +75,7 @@ pub fn run(
     mut report: Report,
 ) -> anyhow::Result<u8> {
     let truth = super::draw(loaded.clone(), with, frame, camera, session, &mut report, "second_frame")?;
-    let look = Look { light: loaded.scene.light, background: loaded.scene.background };
+    let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&loaded.scene.style) };
     let true_picture = png::rgb(&shaded_stack(&truth, &look));
     let mut rows = vec![COLUMNS.map(str::to_owned)];
     let mut summaries = Vec::new();
