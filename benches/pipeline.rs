@@ -47,7 +47,7 @@ fn stages(c: &mut Criterion, name: &str, scene: &Scene) {
     });
     let model = converted(ready.clone()).classify().model;
     group.bench_function("partners", |b| b.iter(|| PartnerLists::in_space(black_box(&model), Among::NearLeaves)));
-    let look = Look { light: ready.scene.light, background: ready.scene.background };
+    let look = Look { light: ready.scene.light, background: ready.scene.background_for(&ready.scene.style) };
     for (limit, what) in [(LayerLimit::Nearest, "frame, nearest"), (LayerLimit::All, "frame, all boundaries")] {
         group.bench_function(what, |b| {
             b.iter(|| {

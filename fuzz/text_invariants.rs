@@ -58,7 +58,7 @@ pub fn check_scene(text: &str) {
             assert!(scene.tree.leaves().iter().all(|leaf| (leaf.0 as usize) < scene.leaves.len()));
             let sides = 1..=Camera::MAX_SIDE;
             assert!(sides.contains(&scene.size.0) && sides.contains(&scene.size.1));
-            assert!(scene.background.iter().all(|channel| channel.is_finite()));
+            assert!(scene.background.iter().flatten().all(|channel| channel.is_finite()));
             if let Some(camera) = &scene.camera {
                 assert!(camera.camera(scene.size).is_ok());
             }

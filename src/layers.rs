@@ -7,6 +7,11 @@
 //!
 //! A style derives all else from these records; no style adds a channel.
 
+pub mod limit;
+pub mod merged;
+#[cfg(test)]
+mod test_layers;
+
 use std::sync::LazyLock;
 
 use glam::{DVec2, Vec3};
@@ -198,6 +203,30 @@ pub trait LayerSource: Sync {
     /// The boundaries of `rect`, which lies within the picture. The same bits whatever thread asks, and whatever tiles
     /// were asked for before.
     fn draw(&self, rect: PixelRect) -> LayerTile;
+}
+
+impl<S: LayerSource + ?Sized> LayerSource for Box<S> {
+    fn camera(&self) -> &Camera {
+        (**self).camera()
+    }
+    fn samples(&self) -> u32 {
+        (**self).samples()
+    }
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        (**self).draw(rect)
+    }
+}
+
+impl<S: LayerSource + ?Sized> LayerSource for &S {
+    fn camera(&self) -> &Camera {
+        (**self).camera()
+    }
+    fn samples(&self) -> u32 {
+        (**self).samples()
+    }
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        (**self).draw(rect)
+    }
 }
 
 /// A whole frame's tiles.

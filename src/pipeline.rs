@@ -9,12 +9,12 @@ use std::sync::Arc;
 
 use crate::blister::{MeshLeaf, MeshModel, MeshModelError, MeshShape};
 use crate::classify::{LeafField, LeafLook, Model};
-use crate::csg::{LeafId, TreeBuilder};
+use crate::csg::LeafId;
 use crate::geometry::bvh::MeshBvhError;
 use crate::geometry::exact::Exact;
 use crate::geometry::solid::TessellateError;
 use crate::geometry::{PointCloud, Solid, TriMesh};
-use crate::hybrid::HybridModel;
+use crate::hybrid::{self, HybridModel};
 use crate::scene::represent::{self, RepresentError, Representation};
 use crate::scene::{LeafGeometry, LeafKind, LoadedScene};
 use crate::space::Camera;
@@ -113,14 +113,17 @@ pub struct Prepared {
     pub model: Model,
     /// By leaf: what was done to a cloud.
     pub notes: Vec<Option<CloudNotes>>,
-    /// The leaves that are not found by surfels.
-    pub crossed: Option<MeshModel>,
+    /// The leaves that are not found by surfels, and where the scene has them.
+    pub crossed: Option<(MeshModel, Vec<MeshLeaf>)>,
 }
 
 impl Prepared {
     /// The scene as one that draws every leaf in its own form.
     pub fn into_hybrid(self) -> HybridModel {
-        HybridModel::new(self.model, self.crossed)
+        match self.crossed {
+            Some((crossed, leaves)) => HybridModel::new(self.model, Some(crossed)).with_leaves_at_rest(leaves),
+            None => HybridModel::new(self.model, None),
+        }
     }
 }
 
@@ -130,7 +133,7 @@ pub struct Converted {
     fields: Vec<LeafField>,
     looks: Vec<LeafLook>,
     notes: Vec<Option<CloudNotes>>,
-    crossed: Option<MeshModel>,
+    crossed: Option<(MeshModel, Vec<MeshLeaf>)>,
     tree: crate::csg::Tree,
 }
 
@@ -190,9 +193,30 @@ fn mesh_leaf(loaded: &LoadedScene, id: LeafId, drawn: &Drawn) -> Option<MeshLeaf
 /// tessellated for the pixels of `camera`.
 ///
 /// # Errors
-/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::SurfelsAsMesh`] for one that is to be surfels,
-/// [`PrepareError::Triangles`] for an unusable mesh.
+/// As [`mesh_leaves`], and [`PrepareError::Triangles`] for an unusable mesh.
 pub fn mesh_model(loaded: &LoadedScene, camera: &Camera, density: Density) -> Result<MeshModel, PrepareError> {
+    mesh_model_of(loaded, &mesh_leaves(loaded, camera, density)?)
+}
+
+/// The mesh pipeline's scene over `leaves`, which [`mesh_leaves`] made of `loaded`.
+///
+/// # Errors
+/// [`PrepareError::Triangles`] for an unusable mesh.
+pub fn mesh_model_of(loaded: &LoadedScene, leaves: &[MeshLeaf]) -> Result<MeshModel, PrepareError> {
+    MeshModel::new(leaves, &loaded.canonical_tree()).map_err(|source| triangles(loaded, source))
+}
+
+fn triangles(loaded: &LoadedScene, source: MeshModelError) -> PrepareError {
+    let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
+    PrepareError::Triangles { leaf: source.leaf().map(name), source }
+}
+
+/// The leaves of `loaded` as the mesh pipeline draws them.
+///
+/// # Errors
+/// [`PrepareError::CloudAsMesh`] for a leaf of points, [`PrepareError::SurfelsAsMesh`] for one that is to be surfels,
+/// [`PrepareError::Represent`] and [`PrepareError::Tessellate`] for one that cannot be what it is to be.
+pub fn mesh_leaves(loaded: &LoadedScene, camera: &Camera, density: Density) -> Result<Vec<MeshLeaf>, PrepareError> {
     let tree = loaded.canonical_tree();
     let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
     let leaf = |id: LeafId| {
@@ -202,8 +226,7 @@ pub fn mesh_model(loaded: &LoadedScene, camera: &Camera, density: Density) -> Re
             _ => PrepareError::SurfelsAsMesh { leaf: name(id) },
         })
     };
-    let leaves = tree.leaves().into_iter().map(leaf).collect::<Result<Vec<_>, _>>()?;
-    MeshModel::new(&leaves, &tree).map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
+    tree.leaves().into_iter().map(leaf).collect()
 }
 
 /// Whether a leaf that the expression names is drawn as surfels and nothing else.
@@ -255,28 +278,8 @@ pub fn convert(
         fields.push(field);
         notes.push(note);
     }
-    let crossed = crossed_model(loaded, &crossed)?;
-    Ok(Converted { fields, looks, notes, crossed, tree })
-}
-
-/// The leaves that are found by their own form; `None` without any.
-fn crossed_model(loaded: &LoadedScene, leaves: &[MeshLeaf]) -> Result<Option<MeshModel>, PrepareError> {
-    if leaves.is_empty() {
-        return Ok(None);
-    }
-    // What the leaves mean is decided where they meet the surfels: here any expression does that names them all.
-    let mut tree = TreeBuilder::default();
-    for (number, leaf) in leaves.iter().enumerate() {
-        tree.leaf(leaf.leaf);
-        if number > 0 {
-            tree.or();
-        }
-    }
-    let tree = tree.finish().expect("there is a leaf");
-    let name = |id: LeafId| loaded.scene.leaves[id.0 as usize].name.clone();
-    MeshModel::new(leaves, &tree)
-        .map(Some)
-        .map_err(|source| PrepareError::Triangles { leaf: source.leaf().map(name), source })
+    let model = hybrid::exact_model(&crossed).map_err(|source| triangles(loaded, source))?;
+    Ok(Converted { fields, looks, notes, crossed: model.map(|model| (model, crossed)), tree })
 }
 
 impl Converted {

@@ -10,7 +10,7 @@
 //! A pixel's ray is `origin + t · dir` with `dir · forward = 1`, so that `t` *is* the planar depth, in world units, for
 //! perspective and orthographic cameras alike.
 
-use glam::{DVec2, DVec3};
+use glam::{DAffine3, DQuat, DVec2, DVec3};
 
 /// How the view volume is projected to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -250,6 +250,39 @@ impl Camera {
                 })
             }
         }
+    }
+}
+
+/// A turn, an even scale and a shift of world space: what moves a thing and keeps its shape.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// The factor of lengths, positive.
+    pub scale: f64,
+    /// A unit quaternion.
+    pub rotation: DQuat,
+    /// After both.
+    pub translation: DVec3,
+}
+
+impl Motion {
+    /// No motion.
+    pub const REST: Self = Self { scale: 1.0, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+
+    /// Where a point goes, world space.
+    #[inline]
+    pub fn point(&self, p_in_world: DVec3) -> DVec3 {
+        self.vector(p_in_world) + self.translation
+    }
+
+    /// What becomes of the difference of two points.
+    #[inline]
+    pub fn vector(&self, v_in_world: DVec3) -> DVec3 {
+        self.rotation * v_in_world * self.scale
+    }
+
+    /// The map.
+    pub fn affine(&self) -> DAffine3 {
+        DAffine3::from_scale_rotation_translation(DVec3::splat(self.scale), self.rotation, self.translation)
     }
 }
 

@@ -127,21 +127,22 @@ pub(super) struct SolidLeaf {
     pub shared: Vec<(DVec3, u32)>,
 }
 
-/// A scene of meshes and solids, ready to be drawn from any camera.
+/// A scene of meshes and solids, ready to be drawn from any camera. What is large is shared with the models of other
+/// expressions over the same leaves.
 #[derive(Debug, Clone)]
 pub struct MeshModel {
     pub(super) flat: Flat,
     /// By leaf index; `None` where there is no such leaf.
     pub(super) looks: Vec<Option<Look>>,
     /// World space; x, y and z apart, for vectors of them.
-    pub(super) positions: [Vec<f64>; 3],
+    pub(super) positions: Arc<[Vec<f64>; 3]>,
     /// By vertex, sRGB; empty where no leaf has any.
-    pub(super) vertex_colours: Vec<[u8; 3]>,
+    pub(super) vertex_colours: Arc<Vec<[u8; 3]>>,
     /// By triangle: its corners. Apart from the rest, since more triangles are looked at than drawn.
-    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) triangles: Arc<Vec<[u32; 3]>>,
     /// By triangle.
-    pub(super) surfaces: Vec<Surface>,
-    pub(super) planes: Vec<Plane>,
+    pub(super) surfaces: Arc<Vec<Surface>>,
+    pub(super) planes: Arc<Vec<Plane>>,
     pub(super) meshlets: Vec<Meshlet>,
     pub(super) solids: Vec<SolidLeaf>,
 }
@@ -190,11 +191,11 @@ impl MeshModel {
         let mut model = Self {
             looks: vec![None; given.last().map_or(0, |last| last.leaf.0 as usize + 1)],
             flat,
-            positions: std::array::from_fn(|_| Vec::with_capacity(vertices)),
-            vertex_colours: Vec::new(),
-            triangles: Vec::with_capacity(triangles),
-            surfaces: Vec::with_capacity(triangles),
-            planes: Vec::new(),
+            positions: Arc::new(std::array::from_fn(|_| Vec::with_capacity(vertices))),
+            vertex_colours: Arc::default(),
+            triangles: Arc::new(Vec::with_capacity(triangles)),
+            surfaces: Arc::new(Vec::with_capacity(triangles)),
+            planes: Arc::default(),
             meshlets: Vec::new(),
             solids: Vec::new(),
         };
@@ -218,11 +219,12 @@ impl MeshModel {
             }
         }
         if placed.iter().any(|mesh| mesh.colours.is_some()) {
-            model.vertex_colours.reserve(vertices);
+            let vertex_colours = Arc::make_mut(&mut model.vertex_colours);
+            vertex_colours.reserve(vertices);
             for mesh in &placed {
                 match &mesh.colours {
-                    Some(colours) => model.vertex_colours.extend_from_slice(colours),
-                    None => model.vertex_colours.extend(std::iter::repeat_n([u8::MAX; 3], mesh.positions.len())),
+                    Some(colours) => vertex_colours.extend_from_slice(colours),
+                    None => vertex_colours.extend(std::iter::repeat_n([u8::MAX; 3], mesh.positions.len())),
                 }
             }
         }
@@ -230,15 +232,30 @@ impl MeshModel {
             model.append(mesh);
         }
         model.share_planes();
-        let is_used = |leaf: LeafId| model.flat.leaves().binary_search(&leaf).is_ok();
-        model.meshlets.retain(|meshlet| is_used(meshlet.leaf));
-        model.solids.retain(|solid| is_used(solid.leaf));
+        model.keep_used();
         Ok(model)
+    }
+
+    /// The same leaves under another expression; `None` where that names a leaf which this model does not draw.
+    pub fn with_tree(&self, tree: &Tree) -> Option<Self> {
+        let flat = tree.positive().flat();
+        if flat.leaves().iter().any(|leaf| self.flat.leaves().binary_search(leaf).is_err()) {
+            return None;
+        }
+        let mut model = Self { flat, ..self.clone() };
+        model.keep_used();
+        Some(model)
+    }
+
+    fn keep_used(&mut self) {
+        let is_used = |leaf: LeafId| self.flat.leaves().binary_search(&leaf).is_ok();
+        self.meshlets.retain(|meshlet| is_used(meshlet.leaf));
+        self.solids.retain(|solid| is_used(solid.leaf));
     }
 
     fn append(&mut self, mesh: PlacedMesh) {
         let base = self.positions[0].len() as u32;
-        for (axis, positions) in self.positions.iter_mut().enumerate() {
+        for (axis, positions) in Arc::make_mut(&mut self.positions).iter_mut().enumerate() {
             positions.extend(mesh.positions.iter().map(|p| p[axis]));
         }
         let mut first = self.triangles.len() as u32;
@@ -246,11 +263,12 @@ impl MeshModel {
             self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf });
             first += count;
         }
+        let (triangles, surfaces) = (Arc::make_mut(&mut self.triangles), Arc::make_mut(&mut self.surfaces));
         for triangle in mesh.triangles {
             let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
             let normal = (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
-            self.triangles.push(triangle.map(|v| v + base));
-            self.surfaces.push(Surface { plane: NO_PLANE, normal, offset: normal.as_dvec3().dot(a) });
+            triangles.push(triangle.map(|v| v + base));
+            surfaces.push(Surface { plane: NO_PLANE, normal, offset: normal.as_dvec3().dot(a) });
         }
     }
 
@@ -279,15 +297,15 @@ impl MeshModel {
                 self.solids[index].shared.push((normal, plane));
             }
         }
-        self.planes = planes;
-        for (surface, plane) in self.surfaces.iter_mut().zip(plane_of) {
+        self.planes = Arc::new(planes);
+        for (surface, plane) in Arc::make_mut(&mut self.surfaces).iter_mut().zip(plane_of) {
             surface.plane = plane;
         }
     }
 
     /// A vertex in world space.
     pub(super) fn position(&self, vertex: u32) -> DVec3 {
-        let [x, y, z] = &self.positions;
+        let [x, y, z] = self.positions.as_ref();
         DVec3::new(x[vertex as usize], y[vertex as usize], z[vertex as usize])
     }
 

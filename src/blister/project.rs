@@ -167,7 +167,7 @@ pub(super) fn planes(view: &View, planes: &[Plane]) -> Vec<Key> {
 /// All vertices of `model` on the picture, in parallel.
 pub(super) fn vertices(level: Level, view: &View, model: &MeshModel) -> Vec<Snapped> {
     const A_TASK: usize = 8192;
-    let [xs, ys, zs] = &model.positions;
+    let [xs, ys, zs] = model.positions.as_ref();
     let mut snapped = vec![[0; 4]; xs.len()];
     snapped.par_chunks_mut(A_TASK).enumerate().for_each(|(task, out)| {
         let range = task * A_TASK..task * A_TASK + out.len();

@@ -22,6 +22,7 @@ use crate::csg::residual::Membership;
 use crate::geometry::exact::Exact;
 use crate::geometry::winding::{Element, Winding};
 use crate::scene::LeafKind;
+use crate::space::Motion;
 use crate::surfel::SurfelCloud;
 use crate::surfel::ball_tree::BallTree;
 
@@ -62,6 +63,12 @@ impl LeafField {
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
         let tree = BallTree::new(&cloud);
         Self { cloud, tree, exact, kind, winding }
+    }
+
+    /// The leaf moved by `motion`.
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let exact = self.exact.as_ref().map(|exact| exact.moved(motion));
+        Self::new(self.cloud.moved(motion), exact, self.kind)
     }
 
     /// The surfel whose centre is nearest to `p_in_world`, and its distance; `None` without surfels, or where the point is not

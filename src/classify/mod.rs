@@ -4,6 +4,7 @@
 //! ([`pairs`]) and the class of every surfel ([`classes`]). It does not depend on the view, and moving one leaf redoes only
 //! the pairs of that leaf.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::csg::positive::Positive;
@@ -12,6 +13,7 @@ use crate::csg::{LeafId, Tree};
 pub mod classes;
 pub mod field;
 pub mod inside;
+mod moves;
 pub mod pairs;
 pub mod partners;
 
@@ -33,16 +35,17 @@ pub struct LeafLook {
 pub struct Model {
     /// The expression over the leaves, positive form.
     pub tree: Positive,
-    /// By leaf.
-    pub fields: Vec<LeafField>,
+    /// By leaf; shared with the models of other expressions over the same leaves.
+    pub fields: Vec<Arc<LeafField>>,
     /// By leaf.
     pub looks: Vec<LeafLook>,
     /// By leaf.
     pub classes: Vec<LeafClasses>,
-    /// `statuses[a][b]`: how the surfels of a lie to b.
-    statuses: Vec<Vec<Option<PairStatus>>>,
+    /// `statuses[a][b]`: how the surfels of a lie to b. They do not depend on the expression.
+    statuses: Arc<Vec<Vec<Option<PairStatus>>>>,
     positive_leaves: Vec<LeafId>,
     state: u64,
+    pose: moves::Pose,
 }
 
 /// A number that no other state of any model has.
@@ -54,15 +57,31 @@ fn next_state() -> u64 {
 impl Model {
     /// Classifies the surfels of all leaves against `tree`.
     pub fn new(tree: &Tree, fields: Vec<LeafField>, looks: Vec<LeafLook>) -> Self {
-        let tree = tree.positive();
         let by_leaf: Vec<&LeafField> = fields.iter().collect();
         let statuses = pairs::all_pairs(&by_leaf);
+        Self::over(tree, fields.into_iter().map(Arc::new).collect(), looks, Arc::new(statuses))
+    }
+
+    /// The same leaves, as they are now, under another expression: what does not depend on it is shared.
+    pub fn with_tree(&self, tree: &Tree) -> Self {
+        Self::over(tree, self.fields.clone(), self.looks.clone(), Arc::clone(&self.statuses))
+    }
+
+    fn over(
+        tree: &Tree,
+        fields: Vec<Arc<LeafField>>,
+        looks: Vec<LeafLook>,
+        statuses: Arc<Vec<Vec<Option<PairStatus>>>>,
+    ) -> Self {
+        let tree = tree.positive();
+        let by_leaf: Vec<&LeafField> = fields.iter().map(Arc::as_ref).collect();
         let classes =
             (0..fields.len()).map(|a| LeafClasses::of(&tree, LeafId(a as u32), &by_leaf, &statuses[a])).collect();
         let mut positive_leaves: Vec<LeafId> = tree.literals().filter(|l| !l.negated).map(|l| l.leaf).collect();
         positive_leaves.sort_unstable();
         positive_leaves.dedup();
-        Self { tree, fields, looks, classes, statuses, positive_leaves, state: next_state() }
+        let pose = moves::Pose::default();
+        Self { tree, fields, looks, classes, statuses, positive_leaves, state: next_state(), pose }
     }
 
     /// The leaves that occur uncomplemented in the positive form: those whose material the result is made of.
@@ -79,23 +98,24 @@ impl Model {
     /// status towards it changed. Returns how many leaves were classified again.
     pub fn move_leaf(&mut self, moved: LeafId, field: LeafField) -> usize {
         let m = moved.0 as usize;
-        self.fields[m] = field;
+        self.fields[m] = Arc::new(field);
         self.state = next_state();
-        let by_leaf: Vec<&LeafField> = self.fields.iter().collect();
+        let by_leaf: Vec<&LeafField> = self.fields.iter().map(Arc::as_ref).collect();
+        let statuses = Arc::make_mut(&mut self.statuses);
         let mut again = vec![m];
         for other in (0..by_leaf.len()).filter(|&o| o != m) {
-            self.statuses[m][other] = Some(PairStatus::of(by_leaf[m], by_leaf[other]));
+            statuses[m][other] = Some(PairStatus::of(by_leaf[m], by_leaf[other]));
             let status = Some(PairStatus::of(by_leaf[other], by_leaf[m]));
             // Even with equal statuses the moved surface may have slid along within "near", where inside-edge and
             // outside-edge are told apart by the centre: keep the classes only where nothing is near.
-            let untouched = self.statuses[other][m] == status && matches!(status, Some(PairStatus::Whole(_)));
-            self.statuses[other][m] = status;
+            let untouched = statuses[other][m] == status && matches!(status, Some(PairStatus::Whole(_)));
+            statuses[other][m] = status;
             if !untouched {
                 again.push(other);
             }
         }
         for &a in &again {
-            self.classes[a] = LeafClasses::of(&self.tree, LeafId(a as u32), &by_leaf, &self.statuses[a]);
+            self.classes[a] = LeafClasses::of(&self.tree, LeafId(a as u32), &by_leaf, &statuses[a]);
         }
         again.len()
     }

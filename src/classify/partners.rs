@@ -92,6 +92,19 @@ impl PartnerLists {
         Self { among, by_leaf, state: Some(model.state()) }
     }
 
+    /// The lists of `model` after its leaves moved, where these are those of before and `again` are the leaves that were
+    /// classified again: only lists that may have changed are searched for.
+    pub fn after_pose(mut self, model: &Model, again: &[LeafId]) -> Self {
+        let by_leaf = (0..model.fields.len()).map(|index| {
+            let leaf = LeafId(index as u32);
+            let is_near = |&other: &LeafId| other == leaf || model.may_be_near(leaf, other);
+            let may_differ = again.iter().any(is_near);
+            if may_differ { search_leaf(model, leaf, self.among) } else { std::mem::take(&mut self.by_leaf[index]) }
+        });
+        let by_leaf = by_leaf.collect();
+        Self { among: self.among, by_leaf, state: Some(model.state()) }
+    }
+
     /// From pairs (edge surfel, partner) in any order and repeated at will, which the caller has found to be partners by
     /// the rule `among`, over `leaves` leaves.
     pub fn from_pairs(among: Among, leaves: usize, mut pairs: Vec<(SurfelId, SurfelId)>) -> Self {

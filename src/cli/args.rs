@@ -193,9 +193,22 @@ pub struct PipelineArgs {
     /// Draw a leaf as `surfels` (nothing but them), `mesh` (a solid becomes triangles) or `exact` (itself); may be repeated
     #[arg(long, value_name = "LEAF=HOW", value_parser = representation, help_heading = "Pipeline")]
     pub represent: Vec<(String, Representation)>,
+    /// Whose layers are drawn
+    #[arg(long, value_enum, default_value_t, help_heading = "Pipeline")]
+    pub union: Union,
     /// How densely meshes and solids are sampled.
     #[command(flatten)]
     pub density: DensityArgs,
+}
+
+/// Whose layers are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Union {
+    /// Those of the result: a union is one solid
+    #[default]
+    Volume,
+    /// Those of each product of the expression by itself, so that overlaps show
+    Products,
 }
 
 /// How densely meshes and solids are sampled.
@@ -247,6 +260,13 @@ pub struct ViewArgs {
     /// Layers drawn, where deeper ones show, and written to an EXR at most
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Picture")]
     pub max_layers: Option<u32>,
+    /// Stop at the first layer that has fewer than N pixels, where deeper ones show; what is left out is told
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Picture")]
+    pub min_pixels: Option<u64>,
+    /// Other scene content, composed by depth: an EXR of the picture's size with R, G, B, Z (planar view depth, scene units,
+    /// from the same camera) and perhaps A; may be repeated; of a sequence, a name with {frame}
+    #[arg(long, value_name = "FILE.exr", value_hint = ValueHint::FilePath, help_heading = "Picture")]
+    pub merge: Vec<PathBuf>,
     /// The camera.
     #[command(flatten)]
     pub camera: CameraArgs,
@@ -286,13 +306,15 @@ pub struct CameraArgs {
   surfcut render scan.ply --minus cylinder:0,0,-9,0,0,9,1.5 --zoom 10 --at 1.5,0,0 -o detail.png
   surfcut render scene.toml --style blueprint --hidden dashed -o plan.png
   surfcut render scene.toml -o cut.png -o cut.exr --layers all --summary-file run.json
-  surfcut render scene.toml -o - | display")]
+  surfcut render scene.toml -o - | display
+  surfcut render scene.toml --turntable 72 -o turn.gif
+  surfcut render scene.toml --turntable 360 -o turn_{frame}.png")]
 pub struct RenderArgs {
     /// What is drawn.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Picture to write, .png or .exr by its name; may be repeated; - is a PNG on standard output [default: the
-    /// input's name with .png, in the working directory]
+    /// Picture to write, .png or .exr by its name; may be repeated; - is a PNG on standard output; of a sequence also .gif
+    /// or .apng, or a name with {frame} [default: the input's name with .png, in the working directory]
     #[arg(long, short, value_name = "FILE|-", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// The picture.
@@ -307,6 +329,31 @@ pub struct RenderArgs {
     /// Draw N times after a warm-up, the camera turned by 1° each time, and report median times
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "General")]
     pub repeat: Option<u32>,
+    /// Many frames instead of one picture.
+    #[command(flatten)]
+    pub sequence: SequenceArgs,
+}
+
+/// Many frames instead of one picture: files numbered at `{frame}` in an output's name, or a film (.gif, .apng). A run
+/// that was stopped goes on where it stopped when it is started again.
+#[derive(Debug, Clone, Copy, PartialEq, Args)]
+pub struct SequenceArgs {
+    /// Draw N frames once around the camera's target, about its up direction
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "repeat", help_heading = "Sequence")]
+    pub turntable: Option<u32>,
+    /// Draw the frames between the scene's keyframes
+    #[arg(long, conflicts_with_all = ["repeat", "turntable"], help_heading = "Sequence")]
+    pub animate: bool,
+    /// Frames a second, of a film and between keyframes whose times are in seconds
+    #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = frame_rate, help_heading = "Sequence")]
+    pub fps: f64,
+}
+
+impl SequenceArgs {
+    /// Whether frames are asked for.
+    pub fn is_asked_for(&self) -> bool {
+        self.animate || self.turntable.is_some()
+    }
 }
 
 /// `surfcut info`
@@ -447,6 +494,16 @@ pub fn positive(text: &str) -> Result<f64, String> {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         Ok(_) => Err("it must be larger than 0 and finite".into()),
         Err(_) => Err("write a number".into()),
+    }
+}
+
+/// The slowest and the fastest film, frames a second: GIF's shortest delay is a hundredth of a second.
+const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+fn frame_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if FRAME_RATES.contains(&rate) => Ok(rate),
+        _ => Err(format!("write a number from {} to {}", FRAME_RATES.start(), FRAME_RATES.end())),
     }
 }
 

@@ -2,20 +2,24 @@
 
 use std::sync::Arc;
 
-use surfcut::blister::{MeshFrame, MeshModel};
+use anyhow::Context;
+use glam::DAffine3;
+
+use surfcut::blister::{MeshFrame, MeshLeaf, MeshModel};
 use surfcut::classify::Model;
 use surfcut::classify::partners::{Among, PartnerLists};
-use surfcut::csg::{LeafId, Tree};
+use surfcut::csg::{LeafId, TooManyProducts, Tree};
 use surfcut::hybrid::HybridModel;
+use surfcut::layers::merged::MergedLayers;
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
 use surfcut::pipeline::{self, Density, ExactLeaves, Prepared};
 use surfcut::reference::{Reference, TruthLeaf};
 use surfcut::scene::{LeafGeometry, LoadedScene};
-use surfcut::space::Camera;
+use surfcut::space::{Camera, Motion};
 use surfcut::splat::{Frame, Partners, SplatSettings};
 
-use super::args::{Pipeline, PipelineArgs};
+use super::args::{Pipeline, PipelineArgs, Union};
 use super::failure::InputError;
 use super::progress::Bars;
 
@@ -33,6 +37,8 @@ pub trait Engine {
     }
     /// One frame.
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
+    /// Brings the leaves to a pose: each from where the scene has it; those that are not named, back there.
+    fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()>;
 }
 
 /// How many samples a pixel, and which boundaries.
@@ -53,52 +59,64 @@ pub fn engine(
     bars: Bars,
     report: &mut Report,
 ) -> anyhow::Result<Box<dyn Engine>> {
+    let products = products(loaded, args.union)?;
+    if let Some(products) = &products {
+        report.count("products", products.len() as u64);
+    }
     let surfels = |loaded: &mut LoadedScene, report: &mut Report| -> anyhow::Result<Box<dyn Engine>> {
         let mut scene = SplatScene::new(loaded, args.density.density(), camera, bars, report)?;
-        Ok(scene.engine(args.splat_settings(), frame, report))
+        let (model, partners) = scene.parts(args.splat_settings(), report);
+        // Nothing else shares it from here on, so that its leaves can move.
+        drop(scene);
+        Ok(Box::new(SplatEngine::new(model, frame, args.splat_settings(), partners, products.clone())))
     };
     for (leaf, representation) in &args.represent {
         loaded.represent(leaf, *representation)?;
     }
     let density = args.density.density();
     match args.pipeline {
-        Pipeline::Reference => reference(loaded, frame),
+        Pipeline::Reference => Ok(Box::new(ReferenceEngine { products, ..ReferenceEngine::new(loaded, frame)? })),
         Pipeline::Splat => surfels(loaded, report),
         Pipeline::Auto if args.asks_for_surfels() => surfels(loaded, report),
         Pipeline::Mesh | Pipeline::Auto => {
+            let hybrid = |loaded: &mut LoadedScene, name, products, report: &mut Report| {
+                let prepared = prepared(loaded, density, ExactLeaves::Crossed, camera, bars, report)?;
+                Ok(HybridEngine::boxed(prepared, loaded, name, frame, products, report))
+            };
             if args.pipeline == Pipeline::Auto && pipeline::has_surfels(loaded)? {
-                return hybrid(loaded, "hybrid", density, frame, camera, bars, report);
+                return hybrid(loaded, "hybrid", products, report);
             }
-            let model = report.phase("convert", || pipeline::mesh_model(loaded, camera, density))?;
+            let leaves = pipeline::mesh_leaves(loaded, camera, density)?;
+            let model = report.phase("convert", || pipeline::mesh_model_of(loaded, &leaves))?;
             if model.open_leaves().next().is_some() {
-                return hybrid(loaded, "mesh", density, frame, camera, bars, report);
+                return hybrid(loaded, "mesh", products, report);
             }
             report.count("triangles", model.triangle_count() as u64);
             report.count("shared_planes", model.shared_plane_count() as u64);
-            Ok(Box::new(MeshEngine { model, frame }))
+            let mut engine = MeshEngine { model, parts: None, leaves, tree: loaded.canonical_tree(), products, frame };
+            engine.part();
+            Ok(Box::new(engine))
         }
     }
 }
 
-/// Every leaf in its own form; called `pipeline`, or `splat` where all are surfels.
-fn hybrid(
-    loaded: &mut LoadedScene,
-    pipeline: &'static str,
-    density: Density,
-    frame: FrameArgs,
-    camera: &Camera,
-    bars: Bars,
-    report: &mut Report,
-) -> anyhow::Result<Box<dyn Engine>> {
-    let names = loaded.scene.leaves.iter().map(|leaf| leaf.name.clone()).collect();
-    let prepared = prepared(loaded, density, ExactLeaves::Crossed, camera, bars, report)?;
-    let model = prepared.into_hybrid();
-    if let Some(exact) = model.exact() {
-        report.count("triangles", exact.triangle_count() as u64);
-        report.count("shared_planes", exact.shared_plane_count() as u64);
+/// The expressions that are drawn each by itself; `None` where the result is.
+fn products(loaded: &LoadedScene, union: Union) -> Result<Option<Vec<Tree>>, TooManyProducts> {
+    match union {
+        Union::Volume => Ok(None),
+        Union::Products => {
+            let products = loaded.canonical_tree().positive().products()?;
+            Ok(Some(products.iter().map(|product| product.tree()).collect()))
+        }
     }
-    let pipeline = if model.exact().is_some() { pipeline } else { "splat" };
-    Ok(Box::new(HybridEngine { model, pipeline, names, frame }))
+}
+
+/// The layers of all `frames`, or of the only one.
+fn merged<'f>(camera: &Camera, samples: u32, mut frames: Vec<Box<dyn LayerSource + 'f>>) -> Box<dyn LayerSource + 'f> {
+    match frames.len() {
+        1 => frames.swap_remove(0),
+        _ => Box::new(MergedLayers::new(camera.clone(), samples, frames)),
+    }
 }
 
 /// The judge. Ask for it before a [`SplatScene`] takes the clouds out of `loaded`.
@@ -155,11 +173,17 @@ impl SplatScene {
 
     /// The scene drawn with `settings`.
     pub fn engine(&mut self, settings: SplatSettings, frame: FrameArgs, report: &mut Report) -> Box<dyn Engine> {
+        let (model, partners) = self.parts(settings, report);
+        Box::new(SplatEngine::new(model, frame, settings, partners, None))
+    }
+
+    /// What an engine with `settings` is made of.
+    fn parts(&mut self, settings: SplatSettings, report: &mut Report) -> (Arc<Model>, Option<Arc<PartnerLists>>) {
         let partners = match settings.partners_among() {
             Some(among) if settings.partners == Partners::ObjectSpace => Some(self.partners(among, report)),
             _ => None,
         };
-        Box::new(SplatEngine { model: self.model.clone(), frame, settings, partners })
+        (self.model.clone(), partners)
     }
 
     fn partners(&mut self, among: Among, report: &mut Report) -> Arc<PartnerLists> {
@@ -180,6 +204,34 @@ struct SplatEngine {
     settings: SplatSettings,
     /// Partners found in space, kept from frame to frame.
     partners: Option<Arc<PartnerLists>>,
+    /// The expressions that are drawn in place of the model's.
+    products: Option<Vec<Tree>>,
+    /// Their models, over the same leaves.
+    parts: Option<Vec<(Model, Option<PartnerLists>)>>,
+}
+
+impl SplatEngine {
+    fn new(
+        model: Arc<Model>,
+        frame: FrameArgs,
+        settings: SplatSettings,
+        partners: Option<Arc<PartnerLists>>,
+        products: Option<Vec<Tree>>,
+    ) -> Self {
+        let mut engine = Self { model, frame, settings, partners, products, parts: None };
+        engine.part();
+        engine
+    }
+
+    /// Makes the products' models of the model as it is.
+    fn part(&mut self) {
+        let part = |tree: &Tree| {
+            let model = self.model.with_tree(tree);
+            let partners = self.partners.as_ref().map(|lists| PartnerLists::in_space(&model, lists.among()));
+            (model, partners)
+        };
+        self.parts = self.products.as_ref().map(|products| products.iter().map(part).collect());
+    }
 }
 
 impl Engine for SplatEngine {
@@ -189,8 +241,28 @@ impl Engine for SplatEngine {
 
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        let frame = Frame::new(&self.model, camera.clone(), limit, samples, self.settings, self.partners.as_deref());
-        Ok(Box::new(frame))
+        let frame = |model, partners| -> Box<dyn LayerSource + '_> {
+            Box::new(Frame::new(model, camera.clone(), limit, samples, self.settings, partners))
+        };
+        Ok(match &self.parts {
+            None => frame(&self.model, self.partners.as_deref()),
+            Some(parts) => {
+                let frames = parts.iter().map(|(model, partners)| frame(model, partners.as_ref())).collect();
+                merged(camera, samples, frames)
+            }
+        })
+    }
+
+    fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
+        // What the parts share with the model is about to change.
+        self.parts = None;
+        let model = Arc::get_mut(&mut self.model).context("a model that other engines share cannot be moved")?;
+        let again = model.pose(motions);
+        if let Some(partners) = self.partners.take() {
+            self.partners = Some(Arc::new(Arc::unwrap_or_clone(partners).after_pose(model, &again)));
+        }
+        self.part();
+        Ok(())
     }
 }
 
@@ -200,7 +272,40 @@ struct HybridEngine {
     pipeline: &'static str,
     /// Of the leaves.
     names: Vec<String>,
+    /// The expressions that are drawn in place of the model's.
+    products: Option<Vec<Tree>>,
+    /// Their models, over the same leaves.
+    parts: Option<Vec<HybridModel>>,
     frame: FrameArgs,
+}
+
+impl HybridEngine {
+    /// Called `pipeline`, or `splat` where all leaves are surfels.
+    fn boxed(
+        prepared: Prepared,
+        loaded: &LoadedScene,
+        pipeline: &'static str,
+        frame: FrameArgs,
+        products: Option<Vec<Tree>>,
+        report: &mut Report,
+    ) -> Box<dyn Engine> {
+        let names = loaded.scene.leaves.iter().map(|leaf| leaf.name.clone()).collect();
+        let model = prepared.into_hybrid();
+        if let Some(exact) = model.exact() {
+            report.count("triangles", exact.triangle_count() as u64);
+            report.count("shared_planes", exact.shared_plane_count() as u64);
+        }
+        let pipeline = if model.exact().is_some() { pipeline } else { "splat" };
+        let mut engine = Self { model, pipeline, names, products, parts: None, frame };
+        engine.part();
+        Box::new(engine)
+    }
+
+    /// Makes the products' models of the model as it is.
+    fn part(&mut self) {
+        let part = |tree: &Tree| self.model.with_tree(tree);
+        self.parts = self.products.as_ref().map(|products| products.iter().map(part).collect());
+    }
 }
 
 impl Engine for HybridEngine {
@@ -220,20 +325,56 @@ impl Engine for HybridEngine {
     }
 
     fn undecided(&self) -> Vec<(String, u64)> {
+        let mut counts = self.model.undecided();
+        for (leaf, count) in self.parts.iter().flatten().flat_map(HybridModel::undecided) {
+            counts.iter_mut().filter(|(other, _)| *other == leaf).for_each(|(_, sum)| *sum += count);
+        }
         let named = |(leaf, count): (LeafId, u64)| (self.names[leaf.0 as usize].clone(), count);
-        self.model.undecided().into_iter().map(named).collect()
+        counts.into_iter().map(named).collect()
     }
 
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        Ok(Box::new(self.model.frame(camera, limit, samples)))
+        fn boxed<'m>(source: impl LayerSource + 'm) -> Box<dyn LayerSource + 'm> {
+            Box::new(source)
+        }
+        Ok(match &self.parts {
+            None => boxed(self.model.frame(camera, limit, samples)),
+            Some(parts) => {
+                merged(camera, samples, parts.iter().map(|part| boxed(part.frame(camera, limit, samples))).collect())
+            }
+        })
+    }
+
+    fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
+        // What the parts share with the model is about to change.
+        self.parts = None;
+        self.model.pose(motions)?;
+        self.part();
+        Ok(())
     }
 }
 
 /// The mesh pipeline.
 struct MeshEngine {
     model: MeshModel,
+    /// Where the scene has them.
+    leaves: Vec<MeshLeaf>,
+    tree: Tree,
+    /// The expressions that are drawn in place of `tree`.
+    products: Option<Vec<Tree>>,
+    /// Their models, over the same leaves.
+    parts: Option<Vec<MeshModel>>,
     frame: FrameArgs,
+}
+
+impl MeshEngine {
+    /// Makes the products' models of the model as it is.
+    fn part(&mut self) {
+        // A product has leaves of the expression alone.
+        let part = |tree: &Tree| self.model.with_tree(tree);
+        self.parts = self.products.as_ref().map(|products| products.iter().filter_map(part).collect());
+    }
 }
 
 impl Engine for MeshEngine {
@@ -243,22 +384,49 @@ impl Engine for MeshEngine {
 
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        Ok(Box::new(MeshFrame::new(&self.model, camera.clone(), limit, samples)))
+        let frame =
+            |model| -> Box<dyn LayerSource + '_> { Box::new(MeshFrame::new(model, camera.clone(), limit, samples)) };
+        Ok(match &self.parts {
+            None => frame(&self.model),
+            Some(parts) => merged(camera, samples, parts.iter().map(frame).collect()),
+        })
+    }
+
+    fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
+        let mut leaves = self.leaves.clone();
+        for leaf in &mut leaves {
+            place(leaf.leaf, &mut leaf.world_from_leaf, motions);
+        }
+        self.model = MeshModel::new(&leaves, &self.tree)?;
+        self.part();
+        Ok(())
+    }
+}
+
+/// Moves a leaf that has a motion.
+fn place(leaf: LeafId, world_from_leaf: &mut DAffine3, motions: &[(LeafId, Motion)]) {
+    if let Some((_, motion)) = motions.iter().find(|(other, motion)| *other == leaf && *motion != Motion::REST) {
+        *world_from_leaf = motion.affine() * *world_from_leaf;
     }
 }
 
 /// The judge, over what the leaves truly are.
 struct ReferenceEngine {
+    /// Where the scene has them.
+    own: Vec<TruthLeaf>,
     leaves: Vec<TruthLeaf>,
     tree: Tree,
+    /// The expressions that are drawn in place of `tree`.
+    products: Option<Vec<Tree>>,
     frame: FrameArgs,
 }
 
 impl ReferenceEngine {
     fn new(loaded: &LoadedScene, frame: FrameArgs) -> anyhow::Result<Self> {
         let tree = loaded.canonical_tree();
-        let leaves = tree.leaves().into_iter().map(|leaf| truth_leaf(loaded, leaf)).collect::<Result<_, _>>()?;
-        Ok(Self { leaves, tree, frame })
+        let leaves: Vec<TruthLeaf> =
+            tree.leaves().into_iter().map(|leaf| truth_leaf(loaded, leaf)).collect::<Result<_, _>>()?;
+        Ok(Self { own: leaves.clone(), leaves, tree, products: None, frame })
     }
 }
 
@@ -280,7 +448,21 @@ impl Engine for ReferenceEngine {
 
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         let FrameArgs { samples, limit } = self.frame;
-        let reference = Reference::new(self.leaves.clone(), self.tree.clone(), camera.clone(), samples, limit)?;
-        Ok(Box::new(reference))
+        let frame = |tree: &Tree| -> anyhow::Result<Box<dyn LayerSource + '_>> {
+            let reference = Reference::new(self.leaves.clone(), tree.clone(), camera.clone(), samples, limit)?;
+            Ok(Box::new(reference))
+        };
+        match &self.products {
+            None => frame(&self.tree),
+            Some(products) => Ok(merged(camera, samples, products.iter().map(frame).collect::<Result<_, _>>()?)),
+        }
+    }
+
+    fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
+        self.leaves.clone_from(&self.own);
+        for leaf in &mut self.leaves {
+            place(LeafId(leaf.leaf), &mut leaf.world_from_leaf, motions);
+        }
+        Ok(())
     }
 }

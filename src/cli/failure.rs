@@ -1,7 +1,10 @@
 //! How an error reaches the user: message, causes, and an exit code that says whose turn it is.
 
+use surfcut::csg::TooManyProducts;
+use surfcut::formats::depth_picture::DepthPictureError;
 use surfcut::measure::CompareError;
 use surfcut::output::OutputError;
+use surfcut::output::frames::FramesError;
 use surfcut::pipeline::PrepareError;
 use surfcut::reference::ReferenceError;
 use surfcut::scene::RepresentError;
@@ -55,11 +58,13 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<LoadError>()
             || cause.is::<PrepareError>()
             || cause.is::<ReferenceError>()
+            || cause.is::<TooManyProducts>()
+            || cause.is::<DepthPictureError>()
             || cause.is::<CompareError>()
         {
             return code::INPUT;
         }
-        if cause.is::<OutputError>() || cause.is::<std::io::Error>() {
+        if cause.is::<OutputError>() || cause.is::<FramesError>() || cause.is::<std::io::Error>() {
             return code::OUTPUT;
         }
     }

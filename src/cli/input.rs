@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use surfcut::formats::ReadOptions;
-use surfcut::scene::{LoadedScene, Scene, load, toml_file, tree_json};
+use surfcut::scene::{CameraSpec, LoadedScene, Scene, load, toml_file, tree_json};
 use surfcut::space::{Camera, CameraError, Lens};
 
 use super::args::{CameraArgs, SceneArgs, ViewArgs};
@@ -45,7 +45,11 @@ pub fn name(args: &SceneArgs) -> String {
 
 /// The scene's camera, with what the flags change of it.
 pub fn camera(scene: &LoadedScene, args: &CameraArgs) -> Result<Camera, CameraError> {
-    let mut spec = scene.camera_spec();
+    camera_of(changed(scene.camera_spec(), args), scene.scene.size, args)
+}
+
+/// `spec` with what the flags change of it, but for the magnification.
+pub fn changed(mut spec: CameraSpec, args: &CameraArgs) -> CameraSpec {
     spec.eye = args.eye.unwrap_or(spec.eye);
     spec.target = args.target.unwrap_or(spec.target);
     spec.up = args.up.unwrap_or(spec.up);
@@ -56,7 +60,12 @@ pub fn camera(scene: &LoadedScene, args: &CameraArgs) -> Result<Camera, CameraEr
         (None, Some(height)) => spec.lens = Lens::Height(height),
         (None, None) => {}
     }
-    let camera = spec.camera(scene.scene.size)?;
+    spec
+}
+
+/// The camera of `spec`, magnified as the flags say.
+pub fn camera_of(spec: CameraSpec, size: (u32, u32), args: &CameraArgs) -> Result<Camera, CameraError> {
+    let camera = spec.camera(size)?;
     match (args.zoom, args.at) {
         (None, None) => Ok(camera),
         (zoom, at) => camera.zoomed(at.unwrap_or(spec.target), zoom.unwrap_or(1.0)),

@@ -11,6 +11,7 @@ mod input;
 mod memory;
 mod progress;
 mod render;
+mod sequence;
 mod style_args;
 
 use std::io::{self, Write};

@@ -17,6 +17,11 @@ impl Bars {
         Self { is_visible: !quiet && std::io::stderr().is_terminal() }
     }
 
+    /// Bars that nobody sees.
+    pub fn hidden() -> Self {
+        Self { is_visible: false }
+    }
+
     /// A bar over bytes, whose length grows with every file.
     pub fn bytes(&self, what: &'static str) -> BytesBar {
         BytesBar(self.bar(0, what, "{msg:>12} {bar:40} {bytes}/{total_bytes} {bytes_per_sec}"))

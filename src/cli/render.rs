@@ -7,31 +7,39 @@ use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::json;
 use surfcut::composite::maps::maps;
+use surfcut::composite::merge::Contents;
+use surfcut::composite::section::Hatching;
 use surfcut::composite::shaded::tile_count;
-use surfcut::composite::{Leaves, Look, Picture, styled};
+use surfcut::composite::{Leaves, Look, Picture, styled_with};
 use surfcut::csg::LeafId;
+use surfcut::formats::depth_picture::{self, DepthPictureError};
+use surfcut::layers::limit::LayerCounts;
 use surfcut::layers::{LayerLimit, LayerSource, LayerStack};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
 use surfcut::scene::style::Style;
 use surfcut::scene::{LeafGeometry, LoadedScene};
-use surfcut::space::{Camera, CameraError, Lens, Projection};
+use surfcut::space::{Camera, CameraError, Lens, Motion, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
 use super::engine::{Engine, FrameArgs, engine};
 use super::failure::{UsageError, code};
 use super::memory::Held;
-use super::{Session, input, memory};
+use super::progress::Bars;
+use super::{Session, input, memory, sequence};
 
 /// The picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum PictureFormat {
+pub enum PictureFormat {
     Png,
     Exr,
 }
 
 /// Draws the scene and writes every output, or none: what would be refused is refused before the first ray.
 pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
+    if args.sequence.is_asked_for() {
+        return sequence::run(args, session);
+    }
     let outputs = outputs(args, session)?;
     let mut report = Report::new(std::env::args().collect());
     let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
@@ -45,29 +53,34 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &camera, frame, &style, &loaded, &mut report);
+    let contents = contents(&args.view.merge, &camera)?;
     let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
     report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
-    let leaf_colours: Vec<[f32; 3]> = (0..loaded.scene.leaves.len()).map(|i| loaded.colour(LeafId(i as u32))).collect();
-    let leaves = Leaves { colours: &leaf_colours, heavy: &[] };
-    let drawing = Drawing { engine: &*engine, look, style, leaves, wants_layers, session };
-    let (picture, stack) = drawing.draw(&camera, &mut report)?;
-    for warning in engine.warnings() {
-        session.tell(&format!("warning: {warning}"));
-        report.warnings.push(warning);
-    }
-    let undecided = engine.undecided();
-    if !undecided.is_empty() {
-        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
-    }
+    let leaf_colours = leaf_colours(&loaded);
+    let hatching = Hatching::of_scene(&loaded, &style, |_| Motion::REST);
+    let heavy = hatching.heavy();
+    let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) };
+    let drawing = Drawing {
+        engine: &*engine,
+        look,
+        style,
+        leaves,
+        contents: &contents,
+        min_pixels: args.view.min_pixels.filter(|_| frame.limit == LayerLimit::All),
+        wants_layers,
+        bars: session.bars,
+    };
+    let Drawn { picture, stack, max_layers } = drawing.draw(&camera, &mut report)?;
+    tell_of(&*engine, session, &mut report);
     if let Some(repeats) = args.repeat {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
     }
 
     if let Some(folder) = &args.style.dump_maps {
-        report.phase("maps", || drawing.dump_maps(&camera, folder))?;
+        report.phase("maps", || drawing.dump_maps(&camera, folder, session))?;
     }
 
     report.count("leaves", loaded.scene.leaves.len() as u64);
@@ -78,33 +91,64 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         report.warnings.push(warning.into());
         session.tell(&format!("warning: {warning}"));
     }
-    let info = PictureInfo {
+    let info = picture_info(&report, &camera);
+    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers, info };
+    for (destination, format) in &outputs {
+        let watch = Stopwatch::start();
+        files.write(*format, destination, session.overwrite())?;
+        report.add_phase("write", watch.times());
+        session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
+    }
+    left_out_text(&report).into_iter().for_each(|text| session.tell(&text));
+    session.tell(&times_text(&report));
+    session.write_summary(&report.to_json())?;
+    Ok(code::OK)
+}
+
+/// The leaves' colours where they are of one, by index.
+pub fn leaf_colours(loaded: &LoadedScene) -> Vec<[f32; 3]> {
+    (0..loaded.scene.leaves.len()).map(|leaf| loaded.colour(LeafId(leaf as u32))).collect()
+}
+
+/// What a picture's file says of itself.
+pub fn picture_info(report: &Report, camera: &Camera) -> PictureInfo {
+    PictureInfo {
         scene: report.scene.clone(),
         units: report.units.clone(),
         px_per_unit: match camera.projection {
             Projection::Orthographic { px_per_unit } => Some(px_per_unit),
             Projection::Perspective { .. } => None,
         },
-    };
-    for (destination, format) in &outputs {
-        let watch = Stopwatch::start();
-        match (format, &stack) {
-            (PictureFormat::Exr, Some(stack)) => {
-                let most = args.view.max_layers.map(|n| n as usize);
-                exr::write(&picture, stack, &look.light, most, &info, destination, session.overwrite())?;
-            }
-            _ => png::write(&picture, &info, destination, session.overwrite())?,
-        }
-        report.add_phase("write", watch.times());
-        session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
     }
-    session.tell(&times_text(&report));
-    session.write_summary(&report.to_json())?;
-    Ok(code::OK)
+}
+
+/// What the files of one picture are made of.
+pub struct Files<'a> {
+    /// The picture, and its layers where a file holds them.
+    pub drawn: (&'a Picture, Option<&'a LayerStack>),
+    /// How it was drawn.
+    pub look: Look,
+    /// Layers of an EXR at most.
+    pub max_layers: Option<usize>,
+    /// What the files say of themselves.
+    pub info: PictureInfo,
+}
+
+impl Files<'_> {
+    /// Writes one of them.
+    pub fn write(&self, format: PictureFormat, destination: &Destination, overwrite: bool) -> Result<(), OutputError> {
+        let (picture, stack) = self.drawn;
+        match (format, stack) {
+            (PictureFormat::Exr, Some(stack)) => {
+                exr::write(picture, stack, &self.look.light, self.max_layers, &self.info, destination, overwrite)
+            }
+            _ => png::write(picture, &self.info, destination, overwrite),
+        }
+    }
 }
 
 /// Whether any leaf is points, whose relief ambient shade brings out.
-fn has_points(loaded: &LoadedScene) -> bool {
+pub fn has_points(loaded: &LoadedScene) -> bool {
     loaded.geometry.iter().any(|geometry| matches!(geometry, LeafGeometry::Cloud(_)))
 }
 
@@ -144,7 +188,7 @@ pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_la
     FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
 }
 
-fn describe(
+pub fn describe(
     args: &RenderArgs,
     camera: &Camera,
     frame: FrameArgs,
@@ -172,64 +216,93 @@ fn describe(
     report.settings.extend(settings.map(|(key, value)| (key.to_owned(), value)));
 }
 
-struct Drawing<'a> {
-    engine: &'a dyn Engine,
-    look: Look,
-    style: Style,
-    leaves: Leaves<'a>,
-    wants_layers: bool,
-    session: &'a Session,
+/// How pictures are drawn.
+pub struct Drawing<'a> {
+    /// What draws.
+    pub engine: &'a dyn Engine,
+    /// How surfaces look.
+    pub look: Look,
+    /// The style.
+    pub style: Style,
+    /// What the style knows of leaves.
+    pub leaves: Leaves<'a>,
+    /// Pictures that are composed with the result.
+    pub contents: &'a Contents,
+    /// A layer with fewer pixels is the first that is left out, where all layers are drawn.
+    pub min_pixels: Option<u64>,
+    /// Whether an output holds layers.
+    pub wants_layers: bool,
+    /// For progress.
+    pub bars: Bars,
+}
+
+/// What was drawn.
+pub struct Drawn {
+    /// The picture.
+    pub picture: Picture,
+    /// Its layers, where an output holds them.
+    pub stack: Option<LayerStack>,
+    /// How many of them count.
+    pub max_layers: Option<usize>,
 }
 
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
-    fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<(Picture, Option<LayerStack>)> {
+    pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
         let source = report.phase("prepare", || self.engine.frame(camera))?;
-        let bar = self.session.bars.count(tile_count(camera), "drawing");
-        let drawn = report.phase("frame", || {
-            if self.wants_layers {
-                let stack = LayerStack::collect(&*source);
-                let picture = self.styled(&stack, &|| ());
-                (picture, Some(stack))
-            } else {
-                (self.styled(&*source, &|| bar.inc(1)), None)
-            }
-        });
+        let stack = self.wants_layers.then(|| report.phase("frame", || LayerStack::collect(&*source)));
+        let source: &dyn LayerSource = stack.as_ref().map_or(&*source, |stack| stack);
+        let style = self.limited(source, report);
+        let bar = self.bars.count(tile_count(camera), "drawing");
+        let picture = report.phase("frame", || self.styled(source, &style, &|| bar.inc(1)));
         bar.finish_and_clear();
-        Ok(drawn)
+        Ok(Drawn { picture, stack, max_layers: style.max_layers.map(|most| most as usize) })
     }
 
     /// Writes what the picture is made of into `folder`.
-    fn dump_maps(&self, camera: &Camera, folder: &Path) -> anyhow::Result<()> {
+    pub fn dump_maps(&self, camera: &Camera, folder: &Path, session: &Session) -> anyhow::Result<()> {
         let source = self.engine.frame(camera)?;
         let maps = maps(&*source, &self.look, &self.style, self.leaves);
         std::fs::create_dir_all(folder)
             .with_context(|| format!("{}: no folder can be made there", folder.display()))?;
         let destinations: Vec<Destination> =
             maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
-        destinations.iter().try_for_each(|destination| destination.check(self.session.overwrite()))?;
+        destinations.iter().try_for_each(|destination| destination.check(session.overwrite()))?;
         for (map, destination) in maps.into_iter().zip(&destinations) {
             let picture = RgbImage::from_raw(map.width, map.height, map.rgb).expect("a map has three bytes a pixel");
-            png::write_rgb(&picture, destination, self.session.overwrite())?;
+            png::write_rgb(&picture, destination, session.overwrite())?;
         }
-        self.session.tell(&format!("wrote {} maps to {}", destinations.len(), folder.display()));
+        session.tell(&format!("wrote {} maps to {}", destinations.len(), folder.display()));
         Ok(())
     }
 
-    fn styled(&self, source: &dyn LayerSource, on_tile: &(dyn Fn() + Sync)) -> Picture {
-        styled(source, &self.look, &self.style, self.leaves, on_tile)
+    /// The style, with as many layers as are worth drawing.
+    fn limited(&self, source: &dyn LayerSource, report: &mut Report) -> Style {
+        let Some(min_pixels) = self.min_pixels else { return self.style };
+        let counts = report.phase("count", || LayerCounts::of(source));
+        let most = counts.worth(min_pixels, self.style.max_layers.map(|most| most as usize));
+        let left_out = counts.left_out(most);
+        report.count("layers", counts.pixels.len() as u64);
+        report.count("layers_drawn", most as u64);
+        report.share("pixels_left_out", left_out.pixels);
+        report.share("boundaries_left_out", left_out.boundaries);
+        Style { max_layers: Some(most.max(1) as u32), ..self.style }
+    }
+
+    fn styled(&self, source: &dyn LayerSource, style: &Style, on_tile: &(dyn Fn() + Sync)) -> Picture {
+        styled_with(source, &self.look, style, self.leaves, self.contents, on_tile)
     }
 
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
     /// frame can be kept for the next.
     fn repeat(&self, camera: &Camera, centre: DVec3, repeats: u32) -> anyhow::Result<Option<FrameTimes>> {
-        let bar = self.session.bars.count(u64::from(repeats), "repeating");
+        let bar = self.bars.count(u64::from(repeats), "repeating");
         let mut times: Vec<Times> = Vec::new();
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
             let source = self.engine.frame(&turned)?;
-            std::hint::black_box(self.styled(&*source, &|| ()));
+            std::hint::black_box(self.styled(&*source, &self.style, &|| ()));
             if turn > 0 {
                 times.push(watch.times());
                 bar.inc(1);
@@ -250,7 +323,37 @@ pub fn turned(camera: &Camera, centre: DVec3, degrees: f64) -> Result<Camera, Ca
     Ok(Camera { projection: camera.projection, ..moved })
 }
 
-fn times_text(report: &Report) -> String {
+/// What there is to say of the frames that `engine` has drawn.
+pub fn tell_of(engine: &dyn Engine, session: &Session, report: &mut Report) {
+    for warning in engine.warnings() {
+        session.tell(&format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
+    let undecided = engine.undecided();
+    if !undecided.is_empty() {
+        report.count("undecided_pixels", undecided.iter().map(|(_, pixels)| pixels).sum());
+    }
+}
+
+/// The pictures that `--merge` names.
+pub fn contents(paths: &[PathBuf], camera: &Camera) -> Result<Contents, DepthPictureError> {
+    let read = |path: &PathBuf| depth_picture::read(path, (camera.width, camera.height));
+    Ok(Contents::new(paths.iter().map(read).collect::<Result<_, _>>()?))
+}
+
+/// What a limit of layers leaves out, for the user.
+pub fn left_out_text(report: &Report) -> Option<String> {
+    let (pixels, boundaries) = (report.shares.get("pixels_left_out")?, report.shares.get("boundaries_left_out")?);
+    let (drawn, all) = (report.counts.get("layers_drawn")?, report.counts.get("layers")?);
+    Some(format!(
+        "{drawn} of {all} layers: {:.3} % of the pixels lack one, {:.3} % of all boundaries are left out",
+        100.0 * pixels,
+        100.0 * boundaries
+    ))
+}
+
+/// The times of the phases, for the user.
+pub fn times_text(report: &Report) -> String {
     let phases: Vec<String> = report.phases.iter().map(|(name, times)| format!("{name} {:.0} ms", times.ms)).collect();
     let frame = report.frame.map(|frame| {
         format!("; frame {:.1} ms, {:.1} ms of CPU (median of {})", frame.ms, frame.cpu_ms, frame.repeats)

@@ -9,10 +9,12 @@ mod edges;
 mod facets;
 mod layered;
 pub mod maps;
+pub mod merge;
 mod noise;
 mod occlusion;
 pub mod picture;
 pub mod recolour;
+pub mod section;
 pub mod shaded;
 mod sketchy;
 mod strip;
@@ -23,4 +25,4 @@ mod tests;
 
 pub use picture::Picture;
 pub use shaded::{Look, shaded, shaded_stack};
-pub use styled::{Leaves, styled};
+pub use styled::{Leaves, styled, styled_with};

@@ -1,6 +1,7 @@
 //! What a style changes of the layers before they are drawn: opacity, the colour of cut faces, how many there are.
 
-use crate::layers::{LayerSource, LayerTile, MAX_SAMPLES};
+use crate::layers::limit::first_layers;
+use crate::layers::{LayerSource, LayerTile};
 use crate::scene::style::{CutColour, Style, StyleKind};
 use crate::space::{Camera, PixelRect};
 
@@ -47,7 +48,7 @@ impl LayerSource for Recoloured<'_> {
     fn draw(&self, rect: PixelRect) -> LayerTile {
         let mut tile = self.source.draw(rect);
         if let Some(most) = self.max_layers {
-            tile = first_layers(tile, self.samples(), most);
+            tile = first_layers(&tile, most as usize);
         }
         for boundary in &mut tile.boundaries {
             boundary.opacity *= self.opacity;
@@ -63,42 +64,4 @@ impl LayerSource for Recoloured<'_> {
         }
         tile
     }
-}
-
-/// The first `most` boundaries that each sample sees.
-fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
-    let mut kept = Vec::with_capacity(tile.boundaries.len());
-    let mut from = 0;
-    if samples <= 1 {
-        for pixel in 1..tile.offsets.len() {
-            let to = tile.offsets[pixel] as usize;
-            kept.extend_from_slice(&tile.boundaries[from..to.min(from + most as usize)]);
-            from = to;
-            tile.offsets[pixel] = kept.len() as u32;
-        }
-        tile.boundaries = kept;
-        return tile;
-    }
-    for pixel in 1..tile.offsets.len() {
-        let to = tile.offsets[pixel] as usize;
-        let mut seen = [0u32; MAX_SAMPLES as usize];
-        for boundary in &tile.boundaries[from..to] {
-            let mut boundary = *boundary;
-            for (sample, seen) in seen[..samples as usize].iter_mut().enumerate() {
-                if boundary.samples >> sample & 1 == 1 {
-                    *seen += 1;
-                    if *seen > most {
-                        boundary.samples &= !(1 << sample);
-                    }
-                }
-            }
-            if boundary.samples & (u16::MAX >> (MAX_SAMPLES - samples)) != 0 {
-                kept.push(boundary);
-            }
-        }
-        from = to;
-        tile.offsets[pixel] = kept.len() as u32;
-    }
-    tile.boundaries = kept;
-    tile
 }

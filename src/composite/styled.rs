@@ -1,12 +1,14 @@
 //! Any style, from any source.
 
 use super::layered::layered;
+use super::merge::{Contents, compose, surfaces_with};
 use super::occlusion::occluded;
 use super::recolour::Recoloured;
-use super::shaded::shaded;
+use super::section::{Hatched, Hatching};
+use super::shaded::{Shader, shaded};
 use super::sketchy::sketchy;
 use super::{Look, Picture};
-use crate::layers::LayerSource;
+use crate::layers::{Boundary, LayerSource};
 use crate::scene::style::{Style, StyleKind};
 
 /// What styles know of leaves beside their boundaries, by leaf index; leaves beyond the end have nothing of it.
@@ -16,6 +18,8 @@ pub struct Leaves<'a> {
     pub colours: &'a [[f32; 3]],
     /// Whether the leaf's outline is drawn stronger, as a section's is.
     pub heavy: &'a [bool],
+    /// How the caps of sections are hatched.
+    pub hatching: Option<&'a Hatching>,
 }
 
 /// Draws `source` as `style` says. The same bits on any number of threads. `on_tile` is called once for each tile drawn, from
@@ -27,9 +31,7 @@ pub fn styled(
     leaves: Leaves,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    let recoloured = Recoloured::new(source, style, leaves.colours);
-    let source = if recoloured.is_plain() { source } else { &recoloured };
-    match style.kind {
+    prepared(source, style, leaves, |source| match style.kind {
         StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
             occluded(source, look, style, style.occlusion.unwrap_or_default().min(1.0), on_tile)
         }
@@ -38,5 +40,42 @@ pub fn styled(
         StyleKind::Blueprint | StyleKind::Wireframe | StyleKind::EdgeTransparent => {
             layered(source, look, style, leaves.heavy, on_tile)
         }
+    })
+}
+
+/// As [`styled`], composed with other content by depth.
+pub fn styled_with(
+    source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
+    leaves: Leaves,
+    contents: &Contents,
+    on_tile: &(dyn Fn() + Sync),
+) -> Picture {
+    if contents.is_empty() {
+        return styled(source, look, style, leaves, on_tile);
+    }
+    match style.kind {
+        StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
+            let shader = Shader::new(&look.light, source.camera());
+            let lit = |boundary: &Boundary, x, y| shader.lit(boundary, shader.towards_eye(x, y));
+            surfaces_with(source, contents, look.background, lit, on_tile)
+        }),
+        _ => {
+            const NOTHING: [f32; 4] = [0.0; 4];
+            let mut picture = styled(source, &Look { background: NOTHING, ..*look }, style, leaves, on_tile);
+            compose(&mut picture, contents, look.background);
+            picture
+        }
+    }
+}
+
+/// Calls `draw` with `source` as `style` and `leaves` change it.
+fn prepared<T>(source: &dyn LayerSource, style: &Style, leaves: Leaves, draw: impl FnOnce(&dyn LayerSource) -> T) -> T {
+    let recoloured = Recoloured::new(source, style, leaves.colours);
+    let source = if recoloured.is_plain() { source } else { &recoloured };
+    match leaves.hatching.filter(|hatching| !hatching.is_empty()) {
+        Some(hatching) => draw(&Hatched::new(source, hatching)),
+        None => draw(source),
     }
 }

@@ -635,3 +635,35 @@ fn laws() {
     let both = EdgeResidual { near: vec![LeafId(1)], rule: Rule::Table { rises: 0b01, falls: 0b10 } };
     assert_eq!(residual(difference, Membership::Near), Residual::Edge(both));
 }
+
+#[test]
+fn the_union_of_the_products_is_the_tree_and_none_is_needless() {
+    for count in 1..=4 {
+        for kind in [Kind::All, Kind::Positive] {
+            for ast in trees(kind, 0, count) {
+                // With every leaf its own, and with some leaves the same.
+                for repeat in [MOST_LEAVES, 2, 1] {
+                    let tables: Vec<u32> = (0..count).map(|leaf| LEAF_TABLES[(leaf % repeat) as usize]).collect();
+                    let tree = ast.tree().map_leaves(|leaf| LeafId(leaf.0 % repeat));
+                    let positive = tree.positive();
+                    let products = positive.products().unwrap();
+                    let truths: Vec<u32> = products
+                        .iter()
+                        .map(|product| {
+                            product.literals().iter().fold(!0, |truth, literal| {
+                                let table = LEAF_TABLES[literal.leaf.0 as usize];
+                                truth & if literal.negated { !table } else { table }
+                            })
+                        })
+                        .collect();
+                    assert_eq!(truths.iter().fold(0, |union, truth| union | truth), ast.truth(&tables), "{ast:?}");
+                    assert!(positive.product_count() >= products.len() as u64);
+                    for (i, truth) in truths.iter().enumerate() {
+                        assert_ne!(*truth, 0);
+                        assert!(truths.iter().enumerate().all(|(j, other)| j == i || truth & !other != 0), "{ast:?}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -4,7 +4,8 @@
 //! text ─ expression::parse ─► Tree ─ positive() ─► Positive ─┬─ Blist      one point, lazily: a forward walk
 //!          ▲                   │                             ├─ Residual   one surfel: which neighbours still matter
 //!          │                   │                             ├─ Flat       many points of a tile: masks, or toggle by toggle
-//!          └──── display() ────┘                             └─ PaperTree  Wicke's own rules, for comparison
+//!          └──── display() ────┘                             ├─ Product    each intersection that the result is a union of
+//!                                                            └─ PaperTree  Wicke's own rules, for comparison
 //! ```
 //!
 //! Trees are flat arenas in post-order, so nothing here recurses: an expression a million levels deep is read, printed,
@@ -20,6 +21,7 @@ pub mod expression;
 pub mod flat;
 pub mod paper;
 pub mod positive;
+pub mod products;
 pub mod residual;
 mod tree;
 mod tri;
@@ -29,6 +31,7 @@ pub use expression::ExpressionError;
 pub use flat::{Counters, Flat, Kept, Shrunk};
 pub use paper::PaperTree;
 pub use positive::{Literal, Positive};
+pub use products::{Product, TooManyProducts};
 pub use residual::{Crossing, EdgeResidual, Membership, Residual};
 pub use tree::{DisplayTree, Node, Tree, TreeBuilder};
 pub use tri::Tri;

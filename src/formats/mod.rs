@@ -6,6 +6,7 @@
 //! * Every error names the file, the line or byte, what is wrong and what would mend it ([`ReadError`]).
 //! * What is mended or left out is counted ([`Note`]); the rules are in one place, `gather.rs`.
 
+pub mod depth_picture;
 mod error;
 mod gather;
 mod notes;

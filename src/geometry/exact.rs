@@ -13,7 +13,7 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::bvh::{MeshBvh, MeshBvhError};
 use super::{Solid, TriMesh};
-use crate::space::Ray;
+use crate::space::{Motion, Ray};
 
 /// Where a ray crosses an exact leaf's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,9 +24,10 @@ pub struct ExactHit {
     pub normal_in_world: DVec3,
 }
 
+#[derive(Clone)]
 enum Shape {
     Solid(Solid),
-    Mesh(Box<MeshBvh>),
+    Mesh(Arc<MeshBvh>),
 }
 
 /// An exactly represented leaf in world space.
@@ -88,7 +89,12 @@ impl Exact {
     /// # Errors
     /// As [`MeshBvh::new`].
     pub fn mesh(mesh: Arc<TriMesh>, world_from_leaf: DAffine3) -> Result<Self, MeshBvhError> {
-        Ok(Self::new(Shape::Mesh(Box::new(MeshBvh::new(mesh)?)), world_from_leaf))
+        Ok(Self::new(Shape::Mesh(Arc::new(MeshBvh::new(mesh)?)), world_from_leaf))
+    }
+
+    /// The leaf moved by `motion`; what it took to ask it is shared.
+    pub fn moved(&self, motion: &Motion) -> Self {
+        Self::new(self.shape.clone(), motion.affine() * self.leaf_from_world.inverse())
     }
 
     /// Whether `p_in_world` is inside.

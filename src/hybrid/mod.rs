@@ -15,11 +15,11 @@
 
 pub mod open;
 
-use crate::blister::{MeshFrame, MeshModel};
+use crate::blister::{MeshFrame, MeshLeaf, MeshModel, MeshModelError};
 use crate::classify::Model;
-use crate::csg::LeafId;
+use crate::csg::{LeafId, Tree};
 use crate::layers::LayerLimit;
-use crate::space::Camera;
+use crate::space::{Camera, Motion};
 use crate::splat::{Frame, SplatSettings};
 use open::{Decided, Undecided};
 
@@ -29,14 +29,63 @@ pub struct HybridModel {
     surfels: Model,
     /// The leaves that have no surfels.
     exact: Option<MeshModel>,
+    /// Those leaves where the scene has them, so that they can move.
+    at_rest: Vec<MeshLeaf>,
     undecided: Undecided,
+}
+
+/// The leaves that are found by their own form, ready to be asked for their crossings; `None` without any.
+///
+/// # Errors
+/// As [`MeshModel::new`].
+pub fn exact_model(leaves: &[MeshLeaf]) -> Result<Option<MeshModel>, MeshModelError> {
+    let ids: Vec<LeafId> = leaves.iter().map(|leaf| leaf.leaf).collect();
+    any_of(&ids).map(|tree| MeshModel::new(leaves, &tree)).transpose()
+}
+
+/// What the leaves mean is decided where they meet the surfels: here any expression does that names them all.
+fn any_of(leaves: &[LeafId]) -> Option<Tree> {
+    leaves.iter().map(|leaf| Tree::leaf(*leaf)).reduce(Tree::or)
 }
 
 impl HybridModel {
     /// `surfels` knows all leaves; those of `exact` are exact in it and have no surfels.
     pub fn new(surfels: Model, exact: Option<MeshModel>) -> Self {
         let open = exact.iter().flat_map(MeshModel::open_leaves).collect();
-        Self { surfels, exact, undecided: Undecided::new(open) }
+        Self { surfels, exact, at_rest: Vec::new(), undecided: Undecided::new(open) }
+    }
+
+    /// The same, with the exact leaves as they were when the model was made of them, so that [`pose`](Self::pose) can move
+    /// them.
+    pub fn with_leaves_at_rest(self, at_rest: Vec<MeshLeaf>) -> Self {
+        Self { at_rest, ..self }
+    }
+
+    /// Brings the leaves to the pose `motions`, each from where the model was made with it; leaves without a motion go back
+    /// there.
+    ///
+    /// # Errors
+    /// As [`MeshModel::new`].
+    pub fn pose(&mut self, motions: &[(LeafId, Motion)]) -> Result<(), MeshModelError> {
+        self.surfels.pose(motions);
+        let mut leaves = self.at_rest.clone();
+        for leaf in &mut leaves {
+            if let Some((_, motion)) = motions.iter().find(|(other, _)| *other == leaf.leaf) {
+                leaf.world_from_leaf = motion.affine() * leaf.world_from_leaf;
+            }
+        }
+        if !leaves.is_empty() {
+            self.exact = exact_model(&leaves)?;
+        }
+        Ok(())
+    }
+
+    /// The same leaves, as they are now, under another expression over some of them.
+    pub fn with_tree(&self, tree: &Tree) -> Self {
+        let mut named = tree.leaves();
+        named.retain(|leaf| self.at_rest.iter().any(|exact| exact.leaf == *leaf));
+        let exact = self.exact.as_ref().zip(any_of(&named)).and_then(|(exact, tree)| exact.with_tree(&tree));
+        Self::new(self.surfels.with_tree(tree), exact)
     }
 
     /// The classified scene.

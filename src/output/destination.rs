@@ -149,6 +149,11 @@ fn directory_of(path: &Path) -> &Path {
     path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// How the names of the temporary files of process `process` begin.
+pub(super) fn temporary_prefix(process: u32) -> String {
+    format!(".surfcut-{process}-")
+}
+
 /// A file that is removed when dropped, unless it was moved to its destination.
 struct Temporary {
     path: PathBuf,
@@ -159,7 +164,7 @@ impl Temporary {
         static COUNTER: AtomicU32 = AtomicU32::new(0);
         loop {
             let number = COUNTER.fetch_add(1, Ordering::Relaxed);
-            let name = format!(".surfcut-{}-{number}.tmp", std::process::id());
+            let name = format!("{}{number}.tmp", temporary_prefix(std::process::id()));
             let path = directory_of(target).join(name);
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => return Ok((file, Self { path })),

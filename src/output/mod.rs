@@ -2,6 +2,9 @@
 
 pub mod destination;
 pub mod exr;
+pub mod film;
+pub mod frames;
+mod gif;
 pub mod png;
 pub mod report;
 pub mod resources;

@@ -79,6 +79,8 @@ pub struct Report {
     pub frame: Option<FrameTimes>,
     /// Counts, by name: leaves, surfels, edge surfels, pixels covered …
     pub counts: BTreeMap<String, u64>,
+    /// Shares from 0 to 1, by name, such as what a limit of layers leaves out; the largest over frames.
+    pub shares: BTreeMap<String, f64>,
     /// Peak memory in bytes, where the system tells.
     pub peak_memory_bytes: Option<u64>,
     /// Threads used.
@@ -99,6 +101,7 @@ impl Report {
             phases: BTreeMap::new(),
             frame: None,
             counts: BTreeMap::new(),
+            shares: BTreeMap::new(),
             peak_memory_bytes: None,
             threads: rayon::current_num_threads(),
             warnings: Vec::new(),
@@ -123,6 +126,12 @@ impl Report {
     /// Sets the count called `name`.
     pub fn count(&mut self, name: &str, value: u64) {
         self.counts.insert(name.to_owned(), value);
+    }
+
+    /// Sets the share called `name`, unless it is larger already.
+    pub fn share(&mut self, name: &str, value: f64) {
+        let share = self.shares.entry(name.to_owned()).or_default();
+        *share = share.max(value);
     }
 
     /// The report as JSON, with peak memory as of now, and a newline at the end.

@@ -473,7 +473,16 @@ impl LoadedScene {
     fn find_equal_leaves(&mut self) {
         // Most leaves differ in what is quick to compare; only those that agree in it are compared number by number.
         let mut alike: HashMap<(u8, usize, [u64; 12]), Vec<usize>> = HashMap::new();
+        let moves = |index: usize| {
+            let animation = self.scene.animation.as_ref();
+            animation.is_some_and(|animation| animation.moves(LeafId(index as u32)))
+        };
         for (index, (geometry, leaf)) in self.geometry.iter().zip(&self.scene.leaves).enumerate() {
+            // What is equal now parts when one of the two moves.
+            if moves(index) {
+                self.canonical.push(LeafId(index as u32));
+                continue;
+            }
             let (tag, size) = match geometry {
                 LeafGeometry::Cloud(cloud) => (0, cloud.len()),
                 LeafGeometry::Mesh(mesh) => (1, mesh.triangles.len()),

@@ -12,11 +12,13 @@ use crate::csg::{LeafId, Tree};
 use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Lens};
 
+pub mod animation;
 pub mod colour;
 pub mod endless;
 pub mod framing;
 pub mod inline_solid;
 pub mod inspect;
+mod keyframes;
 pub mod load;
 pub mod nearest_name;
 pub mod one_liner;
@@ -27,6 +29,7 @@ pub mod toml_file;
 mod toml_values;
 pub mod tree_json;
 
+pub use animation::Animation;
 pub use load::{LeafGeometry, LoadedScene, load};
 pub use represent::{RepresentError, Representation};
 
@@ -91,6 +94,15 @@ pub struct Leaf {
     pub spacing: Option<f64>,
     /// What it is drawn as; `None` takes what it is.
     pub represent: Option<Representation>,
+    /// Where a half-space is a section: its cut faces are hatched.
+    pub section: Option<Section>,
+}
+
+/// How a section is hatched.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Section {
+    /// Distance of the lines, world units; `None` goes by the scene's size.
+    pub hatch_spacing: Option<f64>,
 }
 
 impl Leaf {
@@ -106,6 +118,7 @@ impl Leaf {
             truth: None,
             spacing: None,
             represent: None,
+            section: None,
         }
     }
 }
@@ -170,6 +183,8 @@ pub struct Scene {
     pub light: Light,
     /// The unit of lengths, such as `mm`, where the scene names one.
     pub units: Option<String>,
+    /// How it moves, where it has keyframes.
+    pub animation: Option<Animation>,
 }
 
 impl Scene {
@@ -184,6 +199,7 @@ impl Scene {
             style: style::Style::default(),
             light: Light::default(),
             units: None,
+            animation: None,
         }
     }
 

@@ -18,6 +18,10 @@
 //! [leaf.ball]
 //! sphere = { centre = [1, 0, 0], radius = 0.5 }
 //!
+//! [leaf.cut]                         # a section: cuts the result, as `- cut` would, and its face is hatched
+//! half_space = { point = [0, 0, 0], normal = [0, 1, 0] }
+//! section = true
+//!
 //! [camera]                           # needless: without it the scene is framed
 //! eye = [8, -8, 5]
 //! target = [0, 0, 0]
@@ -26,6 +30,14 @@
 //! [style]                            # needless: without it the result is shaded
 //! kind = "blueprint"
 //! line_width = 1.5
+//!
+//! [[keyframe]]                       # needless: for --animate; two or more
+//! time = 0                           # seconds; or frame = 0
+//!
+//! [[keyframe]]
+//! time = 2.5
+//! camera = { eye = [0, -11, 5] }     # what is not named goes on its way, or stays
+//! leaf.drill = { translate = [0, 0, 3], rotate = [0, 0, 90] }
 //! ```
 //!
 //! Every mistake is an error with its line and column, and says what would mend it.
@@ -36,11 +48,15 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use toml::de::DeTable;
 
+use super::animation::Placement;
 use super::inline_solid::{self, SOLID_KEYS, SolidError};
+use super::keyframes;
 use super::nearest_name::nearest_name;
 use super::style_toml;
 use super::toml_values::{Field, Source, Table};
-use super::{CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Representation, Scene, Truth, colour};
+use super::{
+    CameraSpec, DEFAULT_SIZE, Leaf, LeafKind, LeafSource, Light, Representation, Scene, Section, Truth, colour,
+};
 use crate::csg::expression::{self, ExpressionError};
 use crate::csg::{LeafId, Tree};
 use crate::space::{Camera, CameraError, Lens};
@@ -266,12 +282,15 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
         "the top level",
         0..text.len(),
         document.get_ref(),
-        &["csg", "leaf", "size", "background", "units", "camera", "light", "style"],
+        &["csg", "leaf", "size", "background", "units", "camera", "light", "style", "keyframe"],
     )?;
     let mut leaves = Vec::new();
+    let mut placements = Vec::new();
     if let Some(field) = top.get("leaf")? {
         for (name, entry) in field.named_entries("tables such as `[leaf.body]`, one for each leaf")? {
-            leaves.push(parse_leaf(name, &entry, base_dir)?);
+            let (leaf, placement) = parse_leaf(name, &entry, base_dir)?;
+            leaves.push(leaf);
+            placements.push(placement);
         }
     }
     if leaves.is_empty() {
@@ -301,6 +320,9 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
     if let Some(field) = top.get("units")? {
         scene.units = Some(field.text("the name of a unit, such as \"mm\"")?.to_owned());
     }
+    if let Some(field) = top.get("keyframe")? {
+        scene.animation = Some(keyframes::parse(&field, &scene.leaves, &placements)?);
+    }
     if let (Some(sheet), Some(field)) = (scene.subtracted_sheet(), top.get("csg")?) {
         return Err(field.error(SceneProblem::SheetCuts { leaf: scene.leaves[sheet.0 as usize].name.clone() }));
     }
@@ -308,7 +330,7 @@ pub fn parse(text: &str, base_dir: &Path) -> Result<Scene, SceneError> {
 }
 
 /// The keys of a leaf beside its solid's.
-const LEAF_KEYS: [&str; 12] = [
+const LEAF_KEYS: [&str; 14] = [
     "file",
     "translate",
     "rotate",
@@ -320,10 +342,13 @@ const LEAF_KEYS: [&str; 12] = [
     "truth",
     "spacing",
     "represent",
+    "section",
+    "hatch_spacing",
     "name", // only to say that the name is in the table's header
 ];
 
-fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneError> {
+/// A leaf, and what its transform is made of; `None` where that is a matrix.
+fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<(Leaf, Option<Placement>), SceneError> {
     let known: Vec<&str> = LEAF_KEYS.iter().chain(&SOLID_KEYS).copied().collect();
     let table = entry.table(
         format!("[leaf.{}]", quoted(name)),
@@ -352,7 +377,8 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneE
         LeafSource::Solid(inline_solid::from_toml(&geometry)?)
     };
     let mut leaf = Leaf::new(name, source);
-    leaf.world_from_leaf = parse_transform(&table)?;
+    let placement;
+    (leaf.world_from_leaf, placement) = parse_transform(&table)?;
     leaf.colour = table.get("colour|color")?.map(|field| field.colour()).transpose()?;
     leaf.opacity = table.get("opacity")?.map_or(Ok(1.0), |field| field.share())?;
     leaf.spacing = table.get("spacing")?.map(|field| field.positive()).transpose()?;
@@ -374,7 +400,25 @@ fn parse_leaf(name: &str, entry: &Field, base_dir: &Path) -> Result<Leaf, SceneE
     if let Some(field) = table.get("truth")? {
         leaf.truth = Some(parse_truth(&field, base_dir)?);
     }
-    Ok(leaf)
+    leaf.section = parse_section(&table, &geometry)?;
+    Ok((leaf, placement))
+}
+
+/// Where `section` is true; `geometry` is the leaf's.
+fn parse_section(table: &Table, geometry: &Field) -> Result<Option<Section>, SceneError> {
+    let spacing = table.get("hatch_spacing")?;
+    match table.get("section")? {
+        Some(field) if field.flag()? => {
+            if geometry.name != "half_space" {
+                return Err(field.bad("only a half-space is a section", "give the leaf a `half_space`, or remove it"));
+            }
+            Ok(Some(Section { hatch_spacing: spacing.map(|spacing| spacing.positive()).transpose()? }))
+        }
+        _ => match spacing {
+            Some(spacing) => Err(spacing.bad("the leaf is no section", "add `section = true`, or remove it")),
+            None => Ok(None),
+        },
+    }
 }
 
 fn file_name<'t>(field: &Field<'t>) -> Result<&'t str, SceneError> {
@@ -401,41 +445,41 @@ fn parse_truth(field: &Field, base_dir: &Path) -> Result<Truth, SceneError> {
 }
 
 /// `translate · rotate · scale`, or `matrix` alone.
-fn parse_transform(table: &Table) -> Result<DAffine3, SceneError> {
+fn parse_transform(table: &Table) -> Result<(DAffine3, Option<Placement>), SceneError> {
     let parts = [table.get("translate")?, table.get("rotate")?, table.get("scale")?];
     if let Some(matrix) = table.get("matrix")? {
         if let Some(part) = parts.into_iter().flatten().next() {
             return Err(matrix.error(SceneProblem::Clash { first: matrix.name.clone(), second: part.name }));
         }
-        return parse_matrix(&matrix);
+        return Ok((parse_matrix(&matrix)?, None));
     }
     let [translate, rotate, scale] = parts;
-    let scale = match scale {
-        None => DVec3::ONE,
-        Some(field) => {
-            let scale = if field.is_number() { DVec3::splat(field.number()?) } else { field.vector()? };
-            // A subnormal factor has no reciprocal.
-            if !scale.to_array().iter().all(|s| s.is_normal()) {
-                return Err(field.bad("a factor is 0, which leaves nothing", "use factors other than 0"));
-            }
-            scale
-        }
+    let placement = Placement {
+        translate: translate.map_or(Ok(DVec3::ZERO), |field| field.vector())?,
+        rotate: rotate.map_or(Ok(DQuat::IDENTITY), |field| parse_rotate(&field))?,
+        scale: scale.map_or(Ok(DVec3::ONE), |field| parse_scale(&field))?,
     };
-    let rotate = match rotate {
-        None => DQuat::IDENTITY,
-        Some(field) if field.is_list() => {
-            let [x, y, z] = field.numbers::<3>("[x, y, z] in degrees")?.map(f64::to_radians);
-            DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x)
-        }
-        Some(field) => {
-            let form = "[x, y, z] in degrees or { axis = [x, y, z], angle = degrees }";
-            let turn = field.table("`rotate`", &["axis", "angle"], form)?;
-            let axis = turn.require("axis", "[x, y, z]")?.direction()?;
-            DQuat::from_axis_angle(axis, turn.require("angle", "degrees")?.number()?.to_radians())
-        }
-    };
-    let translate = translate.map_or(Ok(DVec3::ZERO), |field| field.vector())?;
-    Ok(DAffine3::from_scale_rotation_translation(scale, rotate, translate))
+    Ok((placement.world_from_leaf(), Some(placement)))
+}
+
+pub(super) fn parse_scale(field: &Field) -> Result<DVec3, SceneError> {
+    let scale = if field.is_number() { DVec3::splat(field.number()?) } else { field.vector()? };
+    // A subnormal factor has no reciprocal.
+    if !scale.to_array().iter().all(|s| s.is_normal()) {
+        return Err(field.bad("a factor is 0, which leaves nothing", "use factors other than 0"));
+    }
+    Ok(scale)
+}
+
+pub(super) fn parse_rotate(field: &Field) -> Result<DQuat, SceneError> {
+    if field.is_list() {
+        let [x, y, z] = field.numbers::<3>("[x, y, z] in degrees")?.map(f64::to_radians);
+        return Ok(DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x));
+    }
+    let form = "[x, y, z] in degrees or { axis = [x, y, z], angle = degrees }";
+    let turn = field.table("`rotate`", &["axis", "angle"], form)?;
+    let axis = turn.require("axis", "[x, y, z]")?.direction()?;
+    Ok(DQuat::from_axis_angle(axis, turn.require("angle", "degrees")?.number()?.to_radians()))
 }
 
 fn parse_matrix(field: &Field) -> Result<DAffine3, SceneError> {
@@ -466,10 +510,21 @@ fn is_singular(matrix: DMat3) -> bool {
     !(columns[0].dot(columns[1].cross(columns[2])).abs() > FLAT)
 }
 
+/// The expression; sections that it does not name cut what it stands for.
 fn parse_tree(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
+    let tree = parse_expression(top, leaves)?;
+    let named = tree.leaves();
+    let is_unnamed = |leaf: &LeafId| named.binary_search(leaf).is_err();
+    let sections = (0..leaves.len()).filter(|&i| leaves[i].section.is_some()).map(|i| LeafId(i as u32));
+    Ok(sections.filter(is_unnamed).fold(tree, |tree, section| Tree::minus(tree, Tree::leaf(section))))
+}
+
+fn parse_expression(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
     let Some(field) = top.get("csg")? else {
-        return match leaves {
-            [_] => Ok(Tree::leaf(LeafId(0))),
+        let mut others = (0..leaves.len()).filter(|&i| leaves[i].section.is_none());
+        return match (others.next(), others.next(), leaves) {
+            (Some(only), None, _) => Ok(Tree::leaf(LeafId(only as u32))),
+            (None, _, [_]) => Ok(Tree::leaf(LeafId(0))),
             _ => {
                 let leaves = leaves.iter().map(|leaf| quoted(&leaf.name)).collect();
                 Err(top.error(SceneProblem::NoExpression { leaves }))
@@ -495,7 +550,7 @@ fn parse_tree(top: &Table, leaves: &[Leaf]) -> Result<Tree, SceneError> {
 }
 
 /// A name as expressions and headers write it: quoted unless it is letters, digits and `_`.
-fn quoted(name: &str) -> String {
+pub(super) fn quoted(name: &str) -> String {
     let plain = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '_');
     if plain { name.to_owned() } else { format!("\"{name}\"") }
 }

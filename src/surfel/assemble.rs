@@ -119,7 +119,7 @@ fn chunk_origin(positions: &[DVec3]) -> DVec3 {
 }
 
 /// The chunk of surfels whose offsets are set.
-fn chunk_over(origin: DVec3, surfels: &[Surfel]) -> Chunk {
+pub(crate) fn chunk_over(origin: DVec3, surfels: &[Surfel]) -> Chunk {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for surfel in surfels {
         low = low.min(surfel.offset);

@@ -19,6 +19,7 @@ mod cloud_tests;
 mod curvature;
 mod isolated;
 pub mod mesh;
+mod moved;
 mod normals;
 mod orient;
 mod place;

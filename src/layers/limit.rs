@@ -1,0 +1,189 @@
+//! Fewer layers than there are: the nearest few of every sample, and how many are worth drawing.
+//!
+//! *Theory.* Blueprint 2006 §4.1 peels layers until one adds fewer pixels than a threshold, which trades quality for speed.
+//!
+//! *Changes from the paper.* The paper learns of a layer's pixels when it has drawn it. Here a pass over the whole picture
+//! counts first, since tiles are drawn one by one and the rule is the picture's; and what is left out is told.
+//!
+//! *Practice.* A layer is counted for each sample: the second boundary of one sample of an edge pixel may be the third of its
+//! neighbour. A boundary that only some samples still see keeps those samples alone.
+
+use rayon::prelude::*;
+
+use super::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
+use crate::space::PixelRect;
+
+/// Counts boundaries sample by sample along one pixel.
+struct Depths([usize; MAX_SAMPLES as usize]);
+
+impl Depths {
+    fn new() -> Self {
+        Self([0; MAX_SAMPLES as usize])
+    }
+
+    /// Takes `boundary` into account and calls `each` with every sample that sees it and how many that sample met before.
+    fn pass(&mut self, boundary: &Boundary, mut each: impl FnMut(u32, usize)) {
+        let mut seen_by = boundary.samples;
+        while seen_by != 0 {
+            let sample = seen_by.trailing_zeros();
+            seen_by &= seen_by - 1;
+            let met = &mut self.0[sample as usize];
+            each(sample, *met);
+            *met += 1;
+        }
+    }
+}
+
+/// The nearest `most` boundaries that each sample sees.
+pub fn first_layers(whole: &LayerTile, most: usize) -> LayerTile {
+    let mut tile = LayerTile {
+        rect: whole.rect,
+        offsets: Vec::with_capacity(whole.offsets.len()),
+        boundaries: Vec::with_capacity(whole.boundaries.len()),
+    };
+    tile.offsets.push(0);
+    for pixel in whole.offsets.windows(2) {
+        let boundaries = &whole.boundaries[pixel[0] as usize..pixel[1] as usize];
+        if boundaries.len() <= most {
+            tile.boundaries.extend_from_slice(boundaries);
+        } else {
+            let mut depths = Depths::new();
+            for boundary in boundaries {
+                let mut samples = 0;
+                depths.pass(boundary, |sample, met| samples |= u16::from(met < most) << sample);
+                if samples != 0 {
+                    tile.boundaries.push(Boundary { samples, ..*boundary });
+                }
+            }
+        }
+        tile.offsets.push(tile.boundaries.len() as u32);
+    }
+    tile
+}
+
+/// How much of the picture each layer has.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LayerCounts {
+    /// By layer, the nearest first: pixels of which a sample has it.
+    pub pixels: Vec<u64>,
+    /// By layer: samples that have it.
+    pub samples: Vec<u64>,
+}
+
+/// What a limit leaves out, as shares from 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LeftOut {
+    /// Of the pixels that show anything: those that lack a layer.
+    pub pixels: f64,
+    /// Of all boundaries that samples meet.
+    pub boundaries: f64,
+}
+
+impl LayerCounts {
+    /// Counts the layers of all of `source`, in parallel.
+    pub fn of(source: &dyn LayerSource) -> Self {
+        let (width, height) = (source.camera().width, source.camera().height);
+        PixelRect::tiles(width, height, TILE_SIDE)
+            .into_par_iter()
+            .map(|rect| Self::of_tile(&source.draw(rect)))
+            .reduce(Self::default, Self::add)
+    }
+
+    fn of_tile(tile: &LayerTile) -> Self {
+        let mut counts = Self::default();
+        for pixel in tile.offsets.windows(2) {
+            let boundaries = &tile.boundaries[pixel[0] as usize..pixel[1] as usize];
+            let (mut depths, mut deepest) = (Depths::new(), 0);
+            for boundary in boundaries {
+                depths.pass(boundary, |_, met| {
+                    if met == counts.samples.len() {
+                        counts.samples.push(0);
+                        counts.pixels.push(0);
+                    }
+                    counts.samples[met] += 1;
+                    deepest = deepest.max(met + 1);
+                });
+            }
+            counts.pixels[..deepest].iter_mut().for_each(|pixels| *pixels += 1);
+        }
+        counts
+    }
+
+    fn add(mut self, other: Self) -> Self {
+        let longest = self.pixels.len().max(other.pixels.len());
+        for (own, other) in [(&mut self.pixels, &other.pixels), (&mut self.samples, &other.samples)] {
+            own.resize(longest, 0);
+            own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
+        }
+        self
+    }
+
+    /// How many layers there are before the first that has fewer than `min_pixels` pixels, `max_layers` at most. The
+    /// nearest always counts.
+    pub fn worth(&self, min_pixels: u64, max_layers: Option<usize>) -> usize {
+        let enough = self.pixels.iter().skip(1).take_while(|&&pixels| pixels >= min_pixels).count() + 1;
+        enough.min(self.pixels.len()).min(max_layers.unwrap_or(usize::MAX))
+    }
+
+    /// What is left out where each sample has the nearest `most` layers alone.
+    pub fn left_out(&self, most: usize) -> LeftOut {
+        let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+        let beyond = |counts: &[u64]| counts.get(most..).unwrap_or_default().iter().sum();
+        LeftOut {
+            // A pixel that has any layer beyond has the first one beyond.
+            pixels: share(self.pixels.get(most).copied().unwrap_or(0), self.pixels.first().copied().unwrap_or(0)),
+            boundaries: share(beyond(&self.samples), self.samples.iter().sum()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_layers::{Painted, boundary, camera};
+    use super::*;
+
+    fn stack(count: u32) -> Vec<Boundary> {
+        (0..count).map(|i| boundary(1.0 + i as f32)).collect()
+    }
+
+    #[test]
+    fn each_sample_keeps_its_nearest_layers() {
+        let with = |depth: f32, samples: u16| Boundary { samples, ..boundary(depth) };
+        let pixel = vec![with(1.0, 0b0011), with(2.0, 0b1111), with(3.0, 0b0111), with(4.0, 0b1000), with(5.0, 0b0001)];
+        let source = Painted::new(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() });
+        let masks = |most: usize| -> Vec<u16> {
+            let tile = first_layers(&source.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 }), most);
+            assert!(tile.at(0, 1).is_empty());
+            tile.at(1, 1).iter().map(|b| b.samples).collect()
+        };
+        assert!(masks(0).is_empty());
+        assert_eq!(masks(1), [0b0011, 0b1100]);
+        assert_eq!(masks(2), [0b0011, 0b1111, 0b0100, 0b1000]);
+        assert_eq!(masks(3), [0b0011, 0b1111, 0b0111, 0b1000]);
+        assert_eq!(masks(4), [0b0011, 0b1111, 0b0111, 0b1000, 0b0001]);
+        let counts = LayerCounts::of(&source);
+        // Two pixels; the samples meet 4, 3, 2 and 2 boundaries.
+        assert_eq!((counts.pixels, counts.samples), (vec![2, 2, 2, 2], vec![8, 8, 4, 2]));
+    }
+
+    #[test]
+    fn layers_are_worth_their_pixels_and_what_is_left_out_is_told() {
+        // 130 · 70 pixels: all have one boundary, a quarter three, one pixel nine.
+        let source = Painted::new(camera(130, 70), 1, |x, y| match (x, y) {
+            (7, 9) => stack(9),
+            _ if x % 2 == 0 && y % 2 == 0 => stack(3),
+            _ => stack(1),
+        });
+        let counts = LayerCounts::of(&source);
+        let quarter = 65 * 35 + 1;
+        assert_eq!(counts.pixels[..4], [130 * 70, quarter, quarter, 1]);
+        assert_eq!((counts.worth(2, None), counts.worth(1, None), counts.worth(1_000_000, None)), (3, 9, 1));
+        assert_eq!((counts.worth(2, Some(2)), counts.worth(0, None)), (2, 9));
+        let left = counts.left_out(1);
+        assert_eq!(left.pixels, quarter as f64 / (130.0 * 70.0));
+        assert_eq!(left.boundaries, (2 * quarter + 6) as f64 / (130.0 * 70.0 + (2 * quarter + 6) as f64));
+        assert_eq!(counts.left_out(9), LeftOut::default());
+        let nothing = LayerCounts::of(&Painted::new(camera(4, 4), 1, |_, _| Vec::new()));
+        assert_eq!((nothing.worth(5, None), nothing.left_out(0)), (0, LeftOut::default()));
+    }
+}
