@@ -15,6 +15,12 @@ pub struct StyleArgs {
     /// Opacity of surfaces in transparent styles, times each leaf's own
     #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
     pub opacity: Option<f32>,
+    /// How much weaker the ink of each layer is than that of the layer before it
+    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    pub fade: Option<f32>,
+    /// Opacity of surfaces in a blueprint
+    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    pub tint: Option<f32>,
     /// How dark hollows are in shaded pictures [default: the scene's, else 0.6 where there are points and 0 elsewhere]
     #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
     pub occlusion: Option<f32>,
@@ -51,6 +57,8 @@ impl StyleArgs {
             style = Style { lines, sketch, cut_colour, max_layers, ..Style::of(kind) };
         }
         style.opacity = self.opacity.unwrap_or(style.opacity);
+        style.fade = self.fade.unwrap_or(style.fade);
+        style.tint = self.tint.unwrap_or(style.tint);
         style.occlusion = self.occlusion.or(style.occlusion);
         style.lines.width_px = self.line_width.unwrap_or(style.lines.width_px);
         style.lines.crease_degrees = self.crease.unwrap_or(style.lines.crease_degrees);

@@ -267,3 +267,61 @@ fn hidden_lines_are_dashed_and_visible_ones_whole() {
     assert!(whole > 1.2 * visible, "{whole} px of ink, {visible} of it visible");
     assert!((0.35..0.65).contains(&share), "{share} of the hidden lines is drawn, where half was asked for");
 }
+
+/// Two planes seen along +y that meet at a right angle in column 60: a hollow edge if `hollow`, else a ridge.
+fn bent_planes(hollow: bool) -> LayerStack {
+    let camera = Camera::look_at(DVec3::NEG_Y * 50.0, DVec3::ZERO, DVec3::Z, Lens::Height(12.0), 120, 120).unwrap();
+    LayerStack::from_fn(camera, 1, move |x, _| {
+        // A tenth of a unit a pixel.
+        let aside = (x as f32 - 59.5) * 0.1;
+        let depth = 50.0 + if hollow { -aside.abs() } else { aside.abs() };
+        let side = if (aside > 0.0) == hollow { -1.0 } else { 1.0 };
+        let normal = Vec3::new(side, -1.0, 0.0).normalize();
+        vec![Boundary {
+            depth,
+            normal,
+            colour: [0.5; 3],
+            opacity: 1.0,
+            leaf: 0,
+            body: 0,
+            facing: Facing::Front,
+            samples: 1,
+        }]
+    })
+}
+
+#[test]
+fn hollows_are_darker_and_ridges_and_planes_are_not() {
+    let style = |strength| Style { occlusion: Some(strength), ..Style::default() };
+    let share =
+        |stack: &LayerStack, x: u32| drawn(stack, &style(1.0)).at(x, 60)[0] / drawn(stack, &style(0.0)).at(x, 60)[0];
+    let (hollow, ridge) = (bent_planes(true), bent_planes(false));
+    assert!(share(&hollow, 58) < 0.8, "{} beside the hollow edge", share(&hollow, 58));
+    assert!((share(&hollow, 20) - 1.0).abs() < 1e-3, "{} on the plane", share(&hollow, 20));
+    assert!((share(&ridge, 58) - 1.0).abs() < 1e-3, "{} beside the ridge", share(&ridge, 58));
+}
+
+#[test]
+fn maps_show_each_layer_and_what_a_sketch_makes_of_it() {
+    let camera = camera(Lens::Height(2.6), 100, 100);
+    let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
+    let look = Look { light: Light::default(), background: WHITE };
+    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default());
+    let names: Vec<&str> = maps.iter().map(|map| map.name.as_str()).collect();
+    let kinds = ["depth", "normals", "colours", "edges", "perturbed_colours", "perturbed_edges", "perturbed_depth"];
+    let wanted: Vec<String> = (1..=2).flat_map(|layer| kinds.map(|kind| format!("layer{layer}_{kind}"))).collect();
+    assert_eq!(names[..names.len() - 1], wanted);
+    assert_eq!(names.last(), Some(&"noise"));
+    let at = |name: &str, x: usize, y: usize| {
+        let map = maps.iter().find(|map| map.name == name).unwrap();
+        let place = 3 * (y * map.width as usize + x);
+        [map.rgb[place], map.rgb[place + 1], map.rgb[place + 2]]
+    };
+    // In the middle the front is the nearest of all, looks at the eye, and has no line; the back is the deepest.
+    assert!(at("layer1_depth", 50, 50)[0] >= 254);
+    assert!(at("layer2_depth", 50, 50)[0] < 60);
+    assert!(at("layer1_normals", 50, 50)[2] > 250 && at("layer2_normals", 50, 50)[2] < 5);
+    assert_eq!(at("layer1_edges", 50, 50), [255; 3]);
+    assert!((0..100).any(|x| at("layer1_edges", x, 50)[0] < 100));
+    assert_eq!(at("layer1_depth", 0, 0), [255; 3]);
+}

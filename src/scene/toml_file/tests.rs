@@ -234,3 +234,41 @@ fn rubbish_never_panics() {
         let _ = parse_text(&[&FULL[..i], &FULL[i + c.len_utf8()..]].concat());
     }
 }
+
+#[test]
+fn a_style_is_read_with_all_that_it_names() {
+    use crate::scene::style::{CutColour, StyleKind};
+    let text = "[leaf.a]\nfile = 'a.ply'\n[style]\nkind = 'sketchy'\nopacity = 0.3\nline_width = 2\ncrease = 40\njump = 5\n\
+                hidden = [4, 3]\nink = '#000000'\ncut_color = 'leaf'\nmax_layers = 3\nfade = 0.1\nocclusion = 0.2\n\
+                sketch = { edge = [[1, 2], [3, 4]], wavelength = 50, seed = 9 }";
+    let style = parse(text, Path::new("")).unwrap().style;
+    assert_eq!((style.kind, style.opacity, style.max_layers), (StyleKind::Sketchy, 0.3, Some(3)));
+    assert_eq!((style.fade, style.occlusion, style.cut_colour), (0.1, Some(0.2), CutColour::Leaf));
+    let lines = style.lines;
+    assert_eq!((lines.width_px, lines.crease_degrees, lines.jump_px), (2.0, 40.0, 5.0));
+    assert_eq!((lines.hidden_dash_px, lines.ink), (Some([4.0, 3.0]), Some([0.0; 3])));
+    assert_eq!((style.sketch.edge_px, style.sketch.seed), ([[1.0, 2.0], [3.0, 4.0]], 9));
+    assert_eq!(style.sketch.wavelength_px, 50.0);
+}
+
+#[test]
+fn mistakes_in_a_style_are_named() {
+    let cases = [
+        ("kind = 'cubist'", "blueprint"),
+        ("line_width = 99", "16 pixels"),
+        ("line_width = nan", "line_width"),
+        ("crease = 300", "180"),
+        ("hidden = 'wavy'", "dashed"),
+        ("hidden = [0.2, 1]", "shorter than a pixel"),
+        ("max_layers = 0", "whole number"),
+        ("sketch = { edge = [[99, 0], [0, 1]] }", "at most 32"),
+        ("sketch = { wavelength = 2 }", "break up"),
+        ("strokes = 2", "unknown key"),
+    ];
+    for (line, wanted) in cases {
+        let error = parse(&format!("[leaf.a]\nfile = 'a.ply'\n[style]\n{line}"), Path::new("")).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains(wanted), "{line}: {text}");
+        assert_eq!(error.place.line, 4, "{line}");
+    }
+}
