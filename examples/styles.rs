@@ -21,8 +21,9 @@ use surfcut::measure::simulate::{Sampling, ScanOptions};
 use surfcut::measure::suite::DrawError;
 use surfcut::output::png;
 use surfcut::output::report::{FrameTimes, Stopwatch};
+use surfcut::pipeline::Density;
 use surfcut::scene::style::{LineSettings, Style, StyleKind};
-use surfcut::scene::{Scene, toml_file};
+use surfcut::scene::{Representation, Scene, toml_file};
 use surfcut::space::Camera;
 use surfcut::splat::SplatSettings;
 
@@ -31,6 +32,9 @@ const SOLID_SCENES: [&str; 3] = ["widget", "spanner", "overlap"];
 /// The scenes with points.
 const POINT_SCENES: [&str; 5] =
     ["femoral_head", "five_spheres_union", "five_spheres_minus", "icosahedron", "cube_1_25_900"];
+
+/// How closely solids are sampled and tessellated where surfels are compared with meshes.
+const TESSELLATED: Density = Density::MaxErrorPx(0.1);
 
 fn main() -> Result<(), DrawError> {
     let chosen: Vec<String> = std::env::args().skip(1).collect();
@@ -82,10 +86,10 @@ fn layers() -> Result<(), DrawError> {
         let truth = open_reference(&scene, LayerLimit::All)?(&camera)?;
         let mut pipelines = vec![
             ("surfels", open_surfels(&scene, LayerLimit::All, SplatSettings::default())?),
-            ("own forms", open_own_forms(&scene, LayerLimit::All)?),
+            ("own forms", open_own_forms(&scene, LayerLimit::All, Density::default())?),
         ];
         if SOLID_SCENES.contains(&name) {
-            pipelines.push(("mesh", open_meshes(&scene, LayerLimit::All)?));
+            pipelines.push(("mesh", open_meshes(&scene, LayerLimit::All, Density::default())?));
         }
         for (pipeline, drawer) in pipelines {
             let agreement = layer_agreement(&drawer(&camera)?, &truth);
@@ -117,8 +121,11 @@ fn pipelines() -> Result<(), DrawError> {
     for name in SOLID_SCENES {
         let mut scene = scene(name)?;
         let camera = camera(&scene)?;
-        let surfels = open_surfels(&scene, LayerLimit::All, SplatSettings::default())?(&camera)?;
-        let meshes = open_meshes(&scene, LayerLimit::All)?(&camera)?;
+        // Nothing but surfels against nothing but triangles.
+        scene.leaves.iter_mut().for_each(|leaf| leaf.represent = Some(Representation::Surfels));
+        let surfels = open_own_forms(&scene, LayerLimit::All, TESSELLATED)?(&camera)?;
+        scene.leaves.iter_mut().for_each(|leaf| leaf.represent = Some(Representation::Mesh));
+        let meshes = open_meshes(&scene, LayerLimit::All, TESSELLATED)?(&camera)?;
         let covered = covered(&meshes);
         for kind in [StyleKind::Shaded, StyleKind::Transparent] {
             let [a, b] = [&surfels, &meshes].map(|stack| drawn(stack, &scene, &Style::of(kind)));
@@ -187,7 +194,7 @@ fn fewer() -> Result<(), DrawError> {
     println!("| --- |{}", " --- |".repeat(StyleKind::ALL.len() - 1));
     let scene = scene("spanner")?;
     let camera = camera(&scene)?;
-    let stack = open_meshes(&scene, LayerLimit::All)?(&camera)?;
+    let stack = open_meshes(&scene, LayerLimit::All, Density::default())?(&camera)?;
     let covered = covered(&stack);
     for (few, many) in [(2, 3), (3, 4), (2, 4)] {
         print!("| {few} and {many} layers, SSIM |");
@@ -223,9 +230,11 @@ fn coherence() -> Result<(), DrawError> {
         let first = camera(&scene)?;
         let target = scene.camera.ok_or("no camera")?.target;
         let next = turned(&first, target);
-        let meshes = open_meshes(&scene, LayerLimit::All)?;
+        let meshes = open_meshes(&scene, LayerLimit::All, Density::default())?;
         let mut style = Style { opacity: 0.0, max_layers: Some(1), ..Style::of(StyleKind::Sketchy) };
         style.lines.ink = Some([0.0; 3]);
+        // A pixel's depth is the nearer of a line's and a surface's at two places: here one place, so that it is the line's.
+        style.sketch.shade_px = style.sketch.edge_px;
         scene.background = Some([1.0; 4]);
         let pictures = [&first, &next].map(|camera| meshes(camera).map(|stack| drawn(&stack, &scene, &style)));
         let [before, after] = pictures;
@@ -268,7 +277,7 @@ fn cost() -> Result<(), DrawError> {
         let mut scene = scene(name)?;
         scene.size = size;
         let camera = camera(&scene)?;
-        let stack = open_meshes(&scene, LayerLimit::All)?(&camera)?;
+        let stack = open_meshes(&scene, LayerLimit::All, Density::default())?(&camera)?;
         print!("| {name}, CPU ms | {}x{} |", size.0, size.1);
         // What handing over the layers costs here, which is copying them.
         let copying = median(REPEATS, || {

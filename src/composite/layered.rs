@@ -47,26 +47,35 @@ pub(super) fn layered(
     let shader = Shader::new(&look.light, source.camera());
     let inks = Inks::new(style);
     let samples = source.samples();
-    from_strips(source, look, style, heavy, on_tile, |strip, index| {
-        compose(&strip.tiles[index], &strip.lines[index], samples, &shader, &inks, look.background)
-    })
+    from_strips(
+        source,
+        look,
+        style,
+        heavy,
+        on_tile,
+        |_| (),
+        |strip, (), index| compose(&strip.tiles[index], &strip.lines[index], samples, &shader, &inks, look.background),
+    )
 }
 
-/// Draws `source` strip by strip; `compose` makes a tile's pixels.
-pub(super) fn from_strips(
+/// Draws `source` strip by strip; `prepare` makes what a strip's tiles share, `compose` a tile's pixels.
+pub(super) fn from_strips<P: Sync>(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     heavy: &[bool],
     on_tile: &(dyn Fn() + Sync),
-    compose: impl Fn(&Strip, usize) -> Composed + Sync,
+    prepare: impl Fn(&Strip) -> P,
+    compose: impl Fn(&Strip, &P, usize) -> Composed + Sync,
 ) -> Picture {
     let (width, height) = (source.camera().width, source.camera().height);
     let mut pixels = Vec::with_capacity(width as usize * height as usize);
     let mut depth = Vec::with_capacity(pixels.capacity());
     let mut covered = 0;
     for_each_strip(source, style, heavy, on_tile, |strip| {
-        let composed: Vec<Composed> = strip.own.clone().into_par_iter().map(|index| compose(strip, index)).collect();
+        let shared = prepare(strip);
+        let composed: Vec<Composed> =
+            strip.own.clone().into_par_iter().map(|index| compose(strip, &shared, index)).collect();
         for row in composed.chunks_exact(strip.across) {
             let rows = row[0].pixels.len() / (strip.tiles[strip.own.start].rect.width() as usize);
             for y in 0..rows {
@@ -98,6 +107,11 @@ impl Inks {
         let tints = matches!(style.kind, StyleKind::Blueprint | StyleKind::Wireframe);
         let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
         Self { colour: style.ink(), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints, most }
+    }
+
+    /// The colours of the surfaces of each tile of `strip`.
+    pub fn of_strip(&self, strip: &Strip, shader: &Shader) -> Vec<Vec<[f32; 4]>> {
+        strip.tiles.par_iter().map(|tile| self.surfaces(tile, shader)).collect()
     }
 
     /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities.

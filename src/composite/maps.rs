@@ -65,6 +65,7 @@ pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves
     let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
     for_each_strip(&recoloured, &lined, leaves.heavy, &|| (), |strip| {
+        let surfaces = inks.of_strip(strip, &shader);
         for index in strip.own.clone() {
             let (tile, lines) = (&strip.tiles[index], &strip.lines[index]);
             let rect = tile.rect;
@@ -77,7 +78,7 @@ pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves
             for number in layers.len()..count {
                 layers.push(OfLayer::new(number, area, hand.is_some()));
             }
-            let lit = shader.lit_tile(tile);
+            let lit = &surfaces[index];
             for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
                 let at = place(pixel);
                 let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
@@ -97,7 +98,7 @@ pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves
                 }
             }
             let (Some(hand), Some(noise)) = (&hand, &mut noise) else { continue };
-            let window = Window::new(strip, index, hand.reach_px(), samples, &inks, &shader);
+            let window = Window::new(strip, index, hand.reach_px(), samples, &surfaces, inks.most);
             for (pixel, &[edge, shade]) in hand.offsets(rect).iter().enumerate() {
                 let (at, middle) = (
                     place(pixel),

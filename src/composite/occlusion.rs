@@ -52,44 +52,52 @@ pub(super) fn occluded(
     let camera = source.camera();
     let (shader, slopes, samples) = (Shader::new(&look.light, camera), Slopes::new(camera), source.samples());
     let around = neighbours(camera);
-    from_strips(source, look, style, &[], on_tile, |strip, index| {
-        let tile = &strip.tiles[index];
-        let blended = blend_tile(tile, samples, &shader, look.background);
-        let (mut pixels, covered) = (blended.pixels, blended.covered);
-        if covered > 0 {
-            let depths = Depths::new(strip, index);
-            let all = u16::MAX >> (MAX_SAMPLES - samples);
-            for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
-                if of_pixel[0] == of_pixel[1] {
-                    continue;
-                }
-                let first = &tile.boundaries[of_pixel[0] as usize];
-                if first.samples & all != all {
-                    continue;
-                }
-                let (column, row) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-                let (x, y) = (tile.rect.x0 + column, tile.rect.y0 + row);
-                let step = Vec2::from(slopes.step(first.normal, x, y));
-                let per_footprint = slopes.px_per_unit(first.depth);
-                let at = depths.index(column, row);
-                let mut covered = 0.0;
-                for neighbour in &around {
-                    let deeper =
-                        (depths.nearest[at.wrapping_add_signed(neighbour.offset)] - first.depth) * per_footprint;
-                    let height = (step.dot(neighbour.at) - deeper) * neighbour.per_distance;
-                    if height > LEAST_HEIGHT && height < ANOTHER_BODY {
-                        // The share of a quarter circle above the horizon that a wall of this height hides.
-                        let hidden = height / (1.0 + height);
-                        covered += hidden * (1.0 - height / ANOTHER_BODY);
+    from_strips(
+        source,
+        look,
+        style,
+        &[],
+        on_tile,
+        |_| (),
+        |strip, (), index| {
+            let tile = &strip.tiles[index];
+            let blended = blend_tile(tile, samples, &shader, look.background);
+            let (mut pixels, covered) = (blended.pixels, blended.covered);
+            if covered > 0 {
+                let depths = Depths::new(strip, index);
+                let all = u16::MAX >> (MAX_SAMPLES - samples);
+                for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
+                    if of_pixel[0] == of_pixel[1] {
+                        continue;
                     }
+                    let first = &tile.boundaries[of_pixel[0] as usize];
+                    if first.samples & all != all {
+                        continue;
+                    }
+                    let (column, row) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
+                    let (x, y) = (tile.rect.x0 + column, tile.rect.y0 + row);
+                    let step = Vec2::from(slopes.step(first.normal, x, y));
+                    let per_footprint = slopes.px_per_unit(first.depth);
+                    let at = depths.index(column, row);
+                    let mut covered = 0.0;
+                    for neighbour in &around {
+                        let deeper =
+                            (depths.nearest[at.wrapping_add_signed(neighbour.offset)] - first.depth) * per_footprint;
+                        let height = (step.dot(neighbour.at) - deeper) * neighbour.per_distance;
+                        if height > LEAST_HEIGHT && height < ANOTHER_BODY {
+                            // The share of a quarter circle above the horizon that a wall of this height hides.
+                            let hidden = height / (1.0 + height);
+                            covered += hidden * (1.0 - height / ANOTHER_BODY);
+                        }
+                    }
+                    let covered = (covered / (around.len() as f32 * MOST_COVERED)).min(1.0);
+                    let light = 1.0 - strength * (1.0 - DARKEST) * covered;
+                    pixels[pixel][..3].iter_mut().for_each(|c| *c *= light);
                 }
-                let covered = (covered / (around.len() as f32 * MOST_COVERED)).min(1.0);
-                let light = 1.0 - strength * (1.0 - DARKEST) * covered;
-                pixels[pixel][..3].iter_mut().for_each(|c| *c *= light);
             }
-        }
-        Composed { pixels, depth: Vec::new(), covered }
-    })
+            Composed { pixels, depth: Vec::new(), covered }
+        },
+    )
 }
 
 /// A pixel that is asked.

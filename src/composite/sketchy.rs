@@ -40,7 +40,9 @@ pub(super) fn sketchy(
     let inks = Inks::new(style);
     let samples = source.samples();
     let hand = Hand::new(&style.sketch);
-    from_strips(source, look, style, heavy, on_tile, |strip, index| {
+    // A tile's surfaces are looked up from the tiles around it too.
+    let surfaces = |strip: &Strip| inks.of_strip(strip, &shader);
+    from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index| {
         let rect = strip.tiles[index].rect;
         let area = rect.area();
         let covered = strip.tiles[index].offsets.windows(2).filter(|w| w[0] < w[1]).count() as u64;
@@ -48,7 +50,7 @@ pub(super) fn sketchy(
         if strip.around(index).all(empty) {
             return Composed { pixels: vec![look.background; area], depth: vec![f32::INFINITY; area], covered };
         }
-        let window = Window::new(strip, index, hand.reach_px(), samples, &inks, &shader);
+        let window = Window::new(strip, index, hand.reach_px(), samples, surfaces, inks.most);
         let offsets = hand.offsets(rect);
         let (mut pixels, mut depth) = (Vec::with_capacity(area), Vec::with_capacity(area));
         for (pixel, &[edge, shade]) in offsets.iter().enumerate() {
@@ -188,7 +190,9 @@ impl Tap {
 }
 
 impl Window {
-    pub fn new(strip: &Strip, index: usize, reach: u32, samples: u32, inks: &Inks, shader: &Shader) -> Self {
+    /// Around tile `index`, `reach` pixels in each direction; `surfaces` are those of all tiles of the strip, `most` layers of
+    /// them.
+    pub fn new(strip: &Strip, index: usize, reach: u32, samples: u32, surfaces: &[Vec<[f32; 4]>], most: usize) -> Self {
         let rect = strip.tiles[index].rect;
         // One more for the second of two pixels that a lookup lies between.
         let reach = reach as i32 + 1;
@@ -204,7 +208,7 @@ impl Window {
             if cx0 >= cx1 || cy0 >= cy1 {
                 continue;
             }
-            let surfaces = inks.surfaces(tile, shader);
+            let surfaces = &surfaces[near];
             for y in cy0..cy1 {
                 for x in cx0..cx1 {
                     let pixel = ((y - tile.rect.y0) * tile.rect.width() + (x - tile.rect.x0)) as usize;
@@ -217,7 +221,7 @@ impl Window {
                         // A boundary may be the k-th of one sample and another of the next.
                         for sample in (0..samples).filter(|s| boundary.samples >> s & 1 == 1) {
                             let layer = &mut seen[sample as usize];
-                            if usize::from(*layer) >= inks.most {
+                            if usize::from(*layer) >= most {
                                 continue;
                             }
                             let share = a / samples as f32;

@@ -57,13 +57,11 @@ pub fn open_reference(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawEr
 /// # Errors
 /// Where the scene cannot be loaded or converted.
 pub fn open_surfels(scene: &Scene, limit: LayerLimit, settings: SplatSettings) -> Result<Drawer, DrawError> {
+    if settings.takes_crossings() {
+        return open_own_forms(scene, limit, Density::default());
+    }
     let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
     let camera = loaded.camera()?;
-    if settings.takes_crossings() {
-        let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Crossed, &|_| ())?;
-        let model = converted.classify().into_hybrid();
-        return Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&model.frame(camera, limit, 1)))));
-    }
     let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Sampled, &|_| ())?;
     let model = converted.classify().model;
     let partners = match settings.partners_among() {
@@ -75,24 +73,25 @@ pub fn open_surfels(scene: &Scene, limit: LayerLimit, settings: SplatSettings) -
     }))
 }
 
-/// Makes `scene` ready for the mesh pipeline, one sample a pixel.
+/// Makes `scene` ready for the mesh pipeline, one sample a pixel; solids that are to be meshes are tessellated at `density`.
 ///
 /// # Errors
 /// Where the scene cannot be loaded, or has a leaf of points.
-pub fn open_meshes(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawError> {
+pub fn open_meshes(scene: &Scene, limit: LayerLimit, density: Density) -> Result<Drawer, DrawError> {
     let loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
-    let model = pipeline::mesh_model(&loaded, &loaded.camera()?, Density::default())?;
+    let model = pipeline::mesh_model(&loaded, &loaded.camera()?, density)?;
     Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&MeshFrame::new(&model, camera.clone(), limit, 1)))))
 }
 
-/// Makes `scene` ready to be drawn with every leaf in its own form, one sample a pixel.
+/// Makes `scene` ready to be drawn with every leaf in its own form, one sample a pixel; leaves that are to be surfels are sampled
+/// at `density`.
 ///
 /// # Errors
 /// Where the scene cannot be loaded or converted.
-pub fn open_own_forms(scene: &Scene, limit: LayerLimit) -> Result<Drawer, DrawError> {
+pub fn open_own_forms(scene: &Scene, limit: LayerLimit, density: Density) -> Result<Drawer, DrawError> {
     let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress)?;
     let camera = loaded.camera()?;
-    let converted = pipeline::convert(&mut loaded, &camera, Density::default(), ExactLeaves::Crossed, &|_| ())?;
+    let converted = pipeline::convert(&mut loaded, &camera, density, ExactLeaves::Crossed, &|_| ())?;
     let model = converted.classify().into_hybrid();
     Ok(Box::new(move |camera: &Camera| Ok(LayerStack::collect(&model.frame(camera, limit, 1)))))
 }

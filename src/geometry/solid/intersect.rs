@@ -130,9 +130,21 @@ impl Solid {
     /// The line restarted at its point nearest to the solid's middle, so that nothing cancels for a far origin: the new
     /// origin, its parameter on the old line, and the unit direction.
     fn near_line(&self, origin: DVec3, dir: DVec3) -> Option<(DVec3, f64, DVec3)> {
-        let (min, max) = self.drawn_bounds();
-        let t = (0.5 * (min + max) - origin).dot(dir) / dir.length_squared();
+        let t = (self.a_place_within() - origin).dot(dir) / dir.length_squared();
         Some((origin + dir * t, t, dir.try_normalize()?)).filter(|_| t.is_finite())
+    }
+
+    /// A point in the midst of the surface. Asked for every line, so that it must cost nothing.
+    fn a_place_within(&self) -> DVec3 {
+        match self {
+            Self::HalfSpace { point, .. } => *point,
+            Self::Box { min, max } => 0.5 * (*min + *max),
+            Self::Sphere { centre, .. } | Self::Torus { centre, .. } => *centre,
+            Self::Cylinder { from, to, .. } | Self::Cone { from, to, .. } => 0.5 * (*from + *to),
+            Self::Blend { balls, .. } => {
+                balls.iter().map(|ball| ball.centre).sum::<DVec3>() / (balls.len() as f64).max(1.0)
+            }
+        }
     }
 
     fn intersect_near(&self, o: DVec3, d: DVec3, hits: &mut Vec<Hit>) {
