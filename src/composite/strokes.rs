@@ -26,6 +26,8 @@ const NEAR_PX: u32 = 3;
 const WEIGHT_ENDS_PX: f32 = 4.0;
 /// Neighbours of lines that run another way do not take part: cosine between the two.
 const SAME_WAY: f32 = 0.85;
+/// Nor those of a line beside it: points of one line, found between one pair of pixels or the next, are no further off it.
+const SAME_LINE_PX: f32 = 1.25;
 /// A point with fewer neighbours than this is a speck.
 const FEWEST_NEIGHBOURS: usize = 3;
 /// A stroke is whole for this long to either side, in pixels, and then fades: points lie at most a pixel apart.
@@ -145,7 +147,10 @@ fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Opt
     } else {
         point.across
     };
-    let same_way = |p: &EdgePoint| p.across == Vec2::ZERO || p.across.dot(across).abs() > SAME_WAY;
+    let same_way = |p: &EdgePoint| {
+        (p.across == Vec2::ZERO || p.across.dot(across).abs() > SAME_WAY)
+            && across.dot(p.at - point.at).abs() < SAME_LINE_PX
+    };
     let (mut sum, mut aside, mut mean) = (0.0, 0.0, Vec2::ZERO);
     for p in near.iter().filter(alike).filter(|p| same_way(p)) {
         let w = weight(p);

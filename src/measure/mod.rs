@@ -9,7 +9,7 @@
 //!   [`open`] gives it the reference renderer as truth.
 //! * [`unknown_search`] looks for scenes in which the paper's rule for unknown leaves fails.
 //! * [`algebra`] holds pictures of meshes against the laws of Boolean algebra.
-//! * [`line_likeness`] compares line drawings, and the layers of two pipelines.
+//! * [`styles`] measures pictures in styles; [`line_likeness`] compares line drawings, and the layers of two pipelines.
 //! * [`chart`] draws accuracy against time, and growth.
 
 pub mod algebra;
@@ -26,6 +26,7 @@ pub mod scanner;
 pub mod scene_files;
 pub mod scenes;
 pub mod simulate;
+pub mod styles;
 pub mod suite;
 pub mod sweeps;
 pub mod unknown_search;
