@@ -40,8 +40,8 @@ const SCENE: &str = "csg = 'ball - drill'\nsize = [64, 48]\n\
     [leaf.ball]\nsphere = { centre = [0, 0, 0], radius = 1 }\ncolour = 'ivory'\n\
     [leaf.drill]\ncylinder = { from = [0, 0, 0], to = [0, 0, 3], radius = 0.4 }\ncolour = '#4682b4'\ntranslate = [0, 0, 0.9]\n";
 
-const KEYFRAMES: &str = "[[keyframe]]\ntime = 0\n[[keyframe]]\ntime = 0.2\nleaf.drill.translate = [0, 0, 0.9]\n\
-    [[keyframe]]\ntime = 0.5\ncamera = { eye = [3, -5, 4] }\nleaf.drill = { translate = [0.2, 0, -0.5], rotate = [0, 30, 0] }\n";
+const KEYFRAMES: &str = "[[keyframe]]\ntime = 0\ncamera = { eye = [3, -5, 4] }\n[[keyframe]]\ntime = 0.2\nleaf.drill.translate = [0, 0, 0.9]\n\
+    [[keyframe]]\ntime = 0.5\nleaf.drill = { translate = [0.2, 0, -0.5], rotate = [0, 30, 0] }\n";
 
 fn with_scene(text: &str) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
@@ -171,6 +171,8 @@ fn sequences_that_cannot_be_are_refused_with_the_way_out() {
         ("render cut.toml --animate -o a.gif", 3, "[[keyframe]]"),
         ("render cut.toml --animate --turntable 4", 2, "cannot be used with"),
         ("render cut.toml --turntable 4 --fps 0", 2, "0.01"),
+        ("render cut.toml --turntable 4 --merge other.exr -o a.gif", 2, "{frame}"),
+        ("render cut.toml --turntable 4 --merge other_{frame}.exr -o a.gif", 3, "other_0000.exr"),
     ] {
         let output = surfcut(here, line);
         assert_eq!(output.status.code(), Some(code), "{line}: {}", text(&output));
