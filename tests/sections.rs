@@ -41,8 +41,8 @@ fn a_section_cuts_the_result_and_hatches_each_leaf_in_its_own_direction() {
     // The section is not in the expression: it cuts it.
     scene(here, "a.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}{SECTION}"));
     scene(here, "b.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}"));
-    for pipeline in ["splat", "mesh", "reference"] {
-        run(here, &format!("render a.toml --pipeline {pipeline} -o a.png --overwrite"));
+    for pipeline in ["--pipeline mesh", "--pipeline reference", "--represent outer=surfels"] {
+        run(here, &format!("render a.toml {pipeline} -o a.png --overwrite"));
         let cut = picture(here, "a.png");
         // Dark pixels with a dark neighbour up right, or up left: lines that rise, lines that fall.
         let is_dark = |x: u32, y: u32| cut.get_pixel(x, y).0.iter().all(|c| *c < 110);
