@@ -96,7 +96,7 @@ fn one_product_is_the_volume_and_an_exploding_form_is_refused() {
     draw(here, "volume", "a - b - c", "");
     draw(here, "products", "a - b - c", "--union products");
     assert_eq!(layers(&here.join("volume.exr")), layers(&here.join("products.exr")));
-    let many = vec!["(a | b | c)"; 12].join(" & ");
+    let many = ["(a | b | c)"; 12].join(" & ");
     fs::write(here.join("many.toml"), format!("csg = '{many}'\n{LEAVES}")).unwrap();
     let refused = surfcut(here, "render many.toml -o many.png --union products");
     let text = String::from_utf8_lossy(&refused.stderr);
