@@ -40,8 +40,8 @@ const SCENE: &str = "csg = 'ball - drill'\nsize = [64, 48]\n\
     [leaf.ball]\nsphere = { centre = [0, 0, 0], radius = 1 }\ncolour = 'ivory'\n\
     [leaf.drill]\ncylinder = { from = [0, 0, 0], to = [0, 0, 3], radius = 0.4 }\ncolour = '#4682b4'\ntranslate = [0, 0, 0.9]\n";
 
-const KEYFRAMES: &str = "[[keyframe]]\ntime = 0\n[[keyframe]]\ntime = 0.2\nleaf.drill.translate = [0, 0, 0.9]\n\
-    [[keyframe]]\ntime = 0.5\ncamera = { eye = [3, -5, 4] }\nleaf.drill = { translate = [0.2, 0, -0.5], rotate = [0, 30, 0] }\n";
+const KEYFRAMES: &str = "[[keyframe]]\ntime = 0\ncamera = { eye = [3, -5, 4] }\n[[keyframe]]\ntime = 0.2\nleaf.drill = { translate = [0, 0, 0.9], rotate = [0, 0, 0] }\n\
+    [[keyframe]]\ntime = 0.5\nleaf.drill = { translate = [0.2, 0, -0.5], rotate = [0, 30, 0] }\n";
 
 fn with_scene(text: &str) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
@@ -122,31 +122,27 @@ fn a_killed_run_is_finished_by_the_same_command() {
 fn keyframes_move_leaves_and_the_camera_alike_in_every_pipeline() {
     let directory = with_scene(&format!("{SCENE}{KEYFRAMES}"));
     let here = directory.path();
-    for pipeline in ["splat", "mesh", "reference"] {
-        run(here, &format!("render cut.toml --pipeline {pipeline} --animate --fps 10 -o {pipeline}_{{frame}}.png"));
+    let pipelines = ["--pipeline splat", "--pipeline mesh", "--pipeline reference", "--represent ball=surfels"];
+    for (name, pipeline) in ["splat", "mesh", "reference", "hybrid"].into_iter().zip(pipelines) {
+        run(here, &format!("render cut.toml {pipeline} --animate --fps 10 -o {name}_{{frame}}.png"));
         // Frames 0 to 5: at rest up to 2, then moving.
-        let frame = |i: usize| image::open(here.join(format!("{pipeline}_{i:04}.png"))).unwrap().into_rgb8();
+        let frame = |i: usize| image::open(here.join(format!("{name}_{i:04}.png"))).unwrap().into_rgb8();
         assert_eq!(frame(0), frame(2));
         assert_ne!(frame(3), frame(2));
-        assert!(!here.join(format!("{pipeline}_0006.png")).exists());
+        assert!(!here.join(format!("{name}_0006.png")).exists());
         // The last keyframe is the scene that says the same without keyframes.
         let moved = SCENE.replace("translate = [0, 0, 0.9]", "translate = [0.2, 0, -0.5]\nrotate = [0, 30, 0]");
         fs::write(here.join("moved.toml"), moved).unwrap();
         // Looking from there at what the unmoved scene is framed at.
         let target = "--target 0,0,0";
-        run(here, &format!("render moved.toml --pipeline {pipeline} --eye 3,-5,4 {target} -o still.png --overwrite"));
-        run(
-            here,
-            &format!(
-                "render cut.toml --pipeline {pipeline} --animate --fps 10 {target} -o at_{pipeline}_{{frame}}.png"
-            ),
-        );
+        run(here, &format!("render moved.toml {pipeline} --eye 3,-5,4 {target} -o still.png --overwrite"));
+        run(here, &format!("render cut.toml {pipeline} --animate --fps 10 {target} -o at_{name}_{{frame}}.png"));
         let still = image::open(here.join("still.png")).unwrap().into_rgb8();
-        let last = image::open(here.join(format!("at_{pipeline}_0005.png"))).unwrap().into_rgb8();
+        let last = image::open(here.join(format!("at_{name}_0005.png"))).unwrap().into_rgb8();
         // Motions round; a pixel on an edge may fall to the other side.
         let differing =
             still.pixels().zip(last.pixels()).filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 4)).count();
-        assert!(differing <= 8, "{pipeline}: {differing} pixels");
+        assert!(differing <= 8, "{name}: {differing} pixels");
     }
 }
 
@@ -171,6 +167,8 @@ fn sequences_that_cannot_be_are_refused_with_the_way_out() {
         ("render cut.toml --animate -o a.gif", 3, "[[keyframe]]"),
         ("render cut.toml --animate --turntable 4", 2, "cannot be used with"),
         ("render cut.toml --turntable 4 --fps 0", 2, "0.01"),
+        ("render cut.toml --turntable 4 --merge other.exr -o a.gif", 2, "{frame}"),
+        ("render cut.toml --turntable 4 --merge other_{frame}.exr -o a.gif", 3, "other_0000.exr"),
     ] {
         let output = surfcut(here, line);
         assert_eq!(output.status.code(), Some(code), "{line}: {}", text(&output));

@@ -38,6 +38,7 @@ const MOST_FRAMES: usize = 100_000;
 /// What one frame shows.
 struct Shot {
     camera: Camera,
+    /// Of the leaves that are elsewhere than the scene has them.
     motions: Vec<(LeafId, Motion)>,
 }
 
@@ -85,12 +86,17 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let bar = session.bars.count(missing.len() as u64, "frames");
         let mut times: Vec<Times> = Vec::new();
         let mut covered = 0;
+        // The leaves that are elsewhere than the scene has them.
+        let mut pose: Vec<(LeafId, Motion)> = Vec::new();
         for &index in &missing {
             let shot = &shots[index];
             let merged: Vec<PathBuf> = merged.iter().map(|names| names.path(index)).collect();
             let contents = report.phase("load", || contents(&merged, &shot.camera))?;
             let watch = Stopwatch::start();
-            report.phase("move", || engine.pose(&shot.motions))?;
+            if shot.motions != pose {
+                report.phase("move", || engine.pose(&shot.motions))?;
+                pose.clone_from(&shot.motions);
+            }
             let hatching = Hatching::of_scene(&loaded, &style, |leaf| shot.motion(leaf));
             let heavy = hatching.heavy();
             let drawing = Drawing {
@@ -188,10 +194,11 @@ fn animated(animation: &Animation, args: &RenderArgs, loaded: &LoadedScene) -> a
     (0..frames as usize)
         .map(|frame| {
             let time = animation.time_of(frame, fps);
-            let spec = input::changed(animation.camera.at(own, time), &args.view.camera);
+            let spec = input::changed(animation.camera_at(own, time), &args.view.camera);
             let camera = input::camera_of(spec, loaded.scene.size, &args.view.camera)
                 .map_err(|source: CameraError| InputError(format!("frame {frame}, at time {time:.3}: {source}")))?;
-            let motions = animation.leaves.iter().map(|keys| (keys.leaf, keys.motion(time))).collect();
+            let motions = animation.leaves.iter().map(|keys| (keys.leaf, keys.motion(time)));
+            let motions = motions.filter(|(_, motion)| *motion != Motion::REST).collect();
             Ok(Shot { camera, motions })
         })
         .collect()
@@ -315,22 +322,21 @@ impl Targets {
 
     /// Begins the files of frames, or goes on with them.
     fn open(self, key: &RunKey, session: &Session) -> anyhow::Result<OpenTargets> {
-        for folder in self.films.iter().filter_map(|film| film.own_folder.as_ref()) {
+        let command: Vec<String> = std::env::args().collect();
+        let mut targets = OpenTargets { frames: Vec::new(), films: self.films, count: key.frames };
+        for folder in targets.films.iter().filter_map(|film| film.own_folder.as_ref()) {
             match fs::create_dir(folder) {
-                Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
-                    let destination = Destination::File(folder.clone());
-                    return Err(OutputError::Io { destination, source: error }.into());
+                Err(source) if source.kind() != std::io::ErrorKind::AlreadyExists => {
+                    return Err(OutputError::Io { destination: Destination::File(folder.clone()), source }.into());
                 }
                 _ => {}
             }
         }
-        let command: Vec<String> = std::env::args().collect();
-        let open = |(pattern, format): (PathBuf, PictureFormat)| -> anyhow::Result<(Frames, PictureFormat)> {
+        for (pattern, format) in self.patterns {
             let names = FrameNames::parse(&pattern, key.frames).expect("a pattern holds the frame's mark");
-            Ok((Frames::open(names, key, &command, session.overwrite())?, format))
-        };
-        let frames = self.patterns.into_iter().map(open).collect::<Result<_, _>>()?;
-        Ok(OpenTargets { frames, films: self.films, count: key.frames })
+            targets.frames.push((Frames::open(names, key, &command, session.overwrite())?, format));
+        }
+        Ok(targets)
     }
 }
 
@@ -373,13 +379,24 @@ impl OpenTargets {
         }
         // Films may share frames, so all are joined first. What else the user has put there stays, and so does its folder.
         for film in &self.films {
-            let Some(folder) = &film.own_folder else { continue };
+            if film.own_folder.is_none() {
+                continue;
+            }
             let names = self.frames[film.frames].0.names();
             let own = (0..self.count).map(|frame| names.path(frame)).chain([names.record_path()]);
             own.for_each(|path| drop(fs::remove_file(path)));
-            let _ = fs::remove_dir(folder);
         }
         Ok(())
+    }
+}
+
+impl Drop for OpenTargets {
+    /// Where no frame was drawn, nothing is left behind.
+    fn drop(&mut self) {
+        for folder in self.films.iter().filter_map(|film| film.own_folder.as_ref()) {
+            // Only where it is empty.
+            let _ = fs::remove_dir(folder);
+        }
     }
 }
 

@@ -59,8 +59,10 @@ fn straight(light: [f32; 3], through: f32) -> [f32; 4] {
     if alpha > 0.0 { [light[0] / alpha, light[1] / alpha, light[2] / alpha, alpha] } else { [0.0; 4] }
 }
 
-/// One pixel: its boundaries and other content, blended in the order of their depths over `background`. Returns linear RGB
-/// with straight alpha, and the depth of the nearest thing that shows. `contents` come front to back, as `boundaries` do;
+/// A pixel, linear RGB with straight alpha, and the depth of the nearest thing that it shows.
+pub type Blended = ([f32; 4], f32);
+
+/// One pixel: its boundaries and other content, blended in the order of their depths over `background`. `contents` come front to back, as `boundaries` do;
 /// `lit` tells a boundary's colour.
 pub fn blend_with(
     boundaries: &[Boundary],
@@ -68,7 +70,7 @@ pub fn blend_with(
     samples: u32,
     background: [f32; 4],
     mut lit: impl FnMut(&Boundary) -> [f32; 3],
-) -> ([f32; 4], f32) {
+) -> Blended {
     let samples = samples.clamp(1, MAX_SAMPLES);
     let mut rays = [Ray::FRESH; MAX_SAMPLES as usize];
     let rays = &mut rays[..samples as usize];
@@ -139,7 +141,7 @@ pub fn surfaces_with(
 ) -> Picture {
     let (width, height) = (source.camera().width, source.camera().height);
     let samples = source.samples();
-    let tiles: Vec<(PixelRect, Vec<([f32; 4], f32)>)> = PixelRect::tiles(width, height, TILE_SIDE)
+    let tiles: Vec<(PixelRect, Vec<Blended>)> = PixelRect::tiles(width, height, TILE_SIDE)
         .into_par_iter()
         .map(|rect| {
             let tile = source.draw(rect);

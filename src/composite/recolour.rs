@@ -48,7 +48,7 @@ impl LayerSource for Recoloured<'_> {
     fn draw(&self, rect: PixelRect) -> LayerTile {
         let mut tile = self.source.draw(rect);
         if let Some(most) = self.max_layers {
-            tile = first_layers(&tile, most as usize);
+            tile = first_layers(tile, self.samples(), most);
         }
         for boundary in &mut tile.boundaries {
             boundary.opacity *= self.opacity;

@@ -260,8 +260,9 @@ mod tests {
             let across = DVec3::new(1.0, 0.0, 1.0).normalize();
             let other = DVec3::new(1.0, 0.0, -1.0).normalize();
             let of = |direction: DVec3| {
-                let inks = (0..1000).map(|i| hatching.ink_at(2, 0, direction * (f64::from(i) * 0.01), pixel).unwrap());
-                let inks: Vec<f32> = inks.collect();
+                // A line begins between two pixels, at the middle of the plane.
+                let at = |i: i32| direction * ((f64::from(i) + 0.5) * 0.01);
+                let inks: Vec<f32> = (0..1000).map(|i| hatching.ink_at(2, 0, at(i), pixel).unwrap()).collect();
                 (inks.iter().sum::<f32>() / 1000.0, inks.iter().fold(0.0, |m: f32, i| m.max(*i)))
             };
             // Across the lines, whichever that is.

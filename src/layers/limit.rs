@@ -14,50 +14,55 @@ use super::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
 use crate::space::PixelRect;
 
 /// Counts boundaries sample by sample along one pixel.
-struct Depths([usize; MAX_SAMPLES as usize]);
+struct Depths {
+    met: [usize; MAX_SAMPLES as usize],
+    /// The samples that there are: a boundary may have more bits.
+    all: u16,
+}
 
 impl Depths {
-    fn new() -> Self {
-        Self([0; MAX_SAMPLES as usize])
+    fn new(samples: u32) -> Self {
+        let samples = samples.clamp(1, MAX_SAMPLES);
+        Self { met: [0; MAX_SAMPLES as usize], all: u16::MAX >> (MAX_SAMPLES - samples) }
     }
 
     /// Takes `boundary` into account and calls `each` with every sample that sees it and how many that sample met before.
     fn pass(&mut self, boundary: &Boundary, mut each: impl FnMut(u32, usize)) {
-        let mut seen_by = boundary.samples;
+        let mut seen_by = boundary.samples & self.all;
         while seen_by != 0 {
             let sample = seen_by.trailing_zeros();
             seen_by &= seen_by - 1;
-            let met = &mut self.0[sample as usize];
+            let met = &mut self.met[sample as usize];
             each(sample, *met);
             *met += 1;
         }
     }
 }
 
-/// The nearest `most` boundaries that each sample sees.
-pub fn first_layers(whole: &LayerTile, most: usize) -> LayerTile {
-    let mut tile = LayerTile {
-        rect: whole.rect,
-        offsets: Vec::with_capacity(whole.offsets.len()),
-        boundaries: Vec::with_capacity(whole.boundaries.len()),
-    };
-    tile.offsets.push(0);
-    for pixel in whole.offsets.windows(2) {
-        let boundaries = &whole.boundaries[pixel[0] as usize..pixel[1] as usize];
-        if boundaries.len() <= most {
-            tile.boundaries.extend_from_slice(boundaries);
+/// The nearest `most` boundaries that each of `samples` samples sees.
+pub fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
+    let most = most as usize;
+    let mut kept = Vec::with_capacity(tile.boundaries.len());
+    let mut from = 0;
+    for pixel in 1..tile.offsets.len() {
+        let to = tile.offsets[pixel] as usize;
+        let boundaries = &tile.boundaries[from..to];
+        if boundaries.len() <= most || samples <= 1 {
+            kept.extend_from_slice(&boundaries[..boundaries.len().min(most)]);
         } else {
-            let mut depths = Depths::new();
+            let mut depths = Depths::new(samples);
             for boundary in boundaries {
-                let mut samples = 0;
-                depths.pass(boundary, |sample, met| samples |= u16::from(met < most) << sample);
-                if samples != 0 {
-                    tile.boundaries.push(Boundary { samples, ..*boundary });
+                let mut left = 0;
+                depths.pass(boundary, |sample, met| left |= u16::from(met < most) << sample);
+                if left != 0 {
+                    kept.push(Boundary { samples: left, ..*boundary });
                 }
             }
         }
-        tile.offsets.push(tile.boundaries.len() as u32);
+        from = to;
+        tile.offsets[pixel] = kept.len() as u32;
     }
+    tile.boundaries = kept;
     tile
 }
 
@@ -85,15 +90,15 @@ impl LayerCounts {
         let (width, height) = (source.camera().width, source.camera().height);
         PixelRect::tiles(width, height, TILE_SIDE)
             .into_par_iter()
-            .map(|rect| Self::of_tile(&source.draw(rect)))
+            .map(|rect| Self::of_tile(&source.draw(rect), source.samples()))
             .reduce(Self::default, Self::add)
     }
 
-    fn of_tile(tile: &LayerTile) -> Self {
+    fn of_tile(tile: &LayerTile, samples: u32) -> Self {
         let mut counts = Self::default();
         for pixel in tile.offsets.windows(2) {
             let boundaries = &tile.boundaries[pixel[0] as usize..pixel[1] as usize];
-            let (mut depths, mut deepest) = (Depths::new(), 0);
+            let (mut depths, mut deepest) = (Depths::new(samples), 0);
             for boundary in boundaries {
                 depths.pass(boundary, |_, met| {
                     if met == counts.samples.len() {
@@ -151,8 +156,8 @@ mod tests {
         let with = |depth: f32, samples: u16| Boundary { samples, ..boundary(depth) };
         let pixel = vec![with(1.0, 0b0011), with(2.0, 0b1111), with(3.0, 0b0111), with(4.0, 0b1000), with(5.0, 0b0001)];
         let source = Painted::new(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() });
-        let masks = |most: usize| -> Vec<u16> {
-            let tile = first_layers(&source.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 }), most);
+        let masks = |most: u32| -> Vec<u16> {
+            let tile = first_layers(source.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 }), 4, most);
             assert!(tile.at(0, 1).is_empty());
             tile.at(1, 1).iter().map(|b| b.samples).collect()
         };
@@ -164,6 +169,20 @@ mod tests {
         let counts = LayerCounts::of(&source);
         // Two pixels; the samples meet 4, 3, 2 and 2 boundaries.
         assert_eq!((counts.pixels, counts.samples), (vec![2, 2, 2, 2], vec![8, 8, 4, 2]));
+    }
+
+    #[test]
+    fn bits_beyond_the_samples_are_no_samples() {
+        let whole =
+            || vec![Boundary { samples: u16::MAX, ..boundary(1.0) }, Boundary { samples: u16::MAX, ..boundary(2.0) }];
+        for samples in [1, 4, MAX_SAMPLES] {
+            let source = Painted::new(camera(5, 1), samples, |_, _| whole());
+            let counts = LayerCounts::of(&source);
+            let bits = u64::from(samples);
+            assert_eq!((counts.pixels, counts.samples), (vec![5, 5], vec![5 * bits, 5 * bits]));
+            let rect = PixelRect { x0: 0, y0: 0, x1: 5, y1: 1 };
+            assert_eq!(first_layers(source.draw(rect), samples, 1).boundaries.len(), 5);
+        }
     }
 
     #[test]

@@ -108,12 +108,14 @@ enum Line {
     Done { frame: usize, bytes: u64 },
 }
 
-/// A sequence under way.
+/// A sequence under way. Nothing is written before its first frame is.
 #[derive(Debug)]
 pub struct Frames {
     names: FrameNames,
     done: Vec<bool>,
-    record: File,
+    /// What the record begins with.
+    beginning: String,
+    record: Option<File>,
 }
 
 impl Frames {
@@ -153,10 +155,8 @@ impl Frames {
         }
         let begin = [Line::Begun { key: key.clone(), command: begun }, Line::Process(std::process::id())];
         let known = done.iter().enumerate().filter_map(|(frame, bytes)| Some(Line::Done { frame, bytes: (*bytes)? }));
-        let text: String = begin.into_iter().chain(known).map(|line| line.to_text()).collect();
-        Destination::File(path.clone()).write(true, text.as_bytes())?;
-        let record = OpenOptions::new().append(true).open(&path).map_err(io_error)?;
-        Ok(Self { names, done: done.iter().map(Option::is_some).collect(), record })
+        let beginning = begin.into_iter().chain(known).map(|line| line.to_text()).collect();
+        Ok(Self { names, done: done.iter().map(Option::is_some).collect(), beginning, record: None })
     }
 
     /// The files' names.
@@ -178,12 +178,21 @@ impl Frames {
         frame: usize,
         write: impl FnOnce(&Destination) -> Result<(), OutputError>,
     ) -> Result<(), OutputError> {
+        let record = Destination::File(self.names.record_path());
+        let record_error = |source| OutputError::Io { destination: record.clone(), source };
+        let mut log = match self.record.take() {
+            Some(log) => log,
+            None => {
+                record.write(true, self.beginning.as_bytes())?;
+                OpenOptions::new().append(true).open(self.names.record_path()).map_err(record_error)?
+            }
+        };
         let path = self.names.path(frame);
         let destination = Destination::File(path.clone());
         write(&destination)?;
-        let io_error = |source| OutputError::Io { destination: destination.clone(), source };
-        let bytes = fs::metadata(&path).map_err(io_error)?.len();
-        self.record.write_all(Line::Done { frame, bytes }.to_text().as_bytes()).map_err(io_error)?;
+        let bytes = fs::metadata(&path).map_err(|source| OutputError::Io { destination, source })?.len();
+        log.write_all(Line::Done { frame, bytes }.to_text().as_bytes()).map_err(record_error)?;
+        self.record = Some(log);
         self.done[frame] = true;
         Ok(())
     }
@@ -302,7 +311,7 @@ mod tests {
     #[test]
     fn another_run_is_refused_by_what_differs() {
         let directory = tempfile::tempdir().unwrap();
-        drop(open(directory.path(), &key(), false).unwrap());
+        write(&mut open(directory.path(), &key(), false).unwrap(), 0, "zero");
         for (other, what) in [
             (RunKey { settings: "u".into(), ..key() }, "other flags"),
             (RunKey { scene: "u".into(), ..key() }, "another scene"),
@@ -313,6 +322,13 @@ mod tests {
         }
         fs::write(directory.path().join("a_frames.png.jsonl"), "mine").unwrap();
         assert!(matches!(open(directory.path(), &key(), false), Err(FramesError::NotARecord { .. })));
+    }
+
+    #[test]
+    fn nothing_is_written_before_the_first_frame() {
+        let directory = tempfile::tempdir().unwrap();
+        drop(open(directory.path(), &key(), false).unwrap());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
     }
 
     #[test]

@@ -11,8 +11,8 @@
 //! * Rotations go from key to key along the shorter great arc (slerp, Shoemake 1985), and *how far* they are along all the
 //!   arcs is a monotone cubic of time. Slerp alone would change its speed with a jerk at every key.
 //!
-//! *Practice.* Every quantity has keys of its own: a keyframe that does not name it does not stop it. What no keyframe names
-//! stays as the scene has it. A leaf may turn, move and change its size evenly; it keeps its shape, so that its surfels can be
+//! *Practice.* Every quantity has keys of its own: a keyframe that does not name it does not stop it. The first keyframe
+//! stands for the scene as it is wherever it says nothing else. What no keyframe names stays as the scene has it. A leaf may turn, move and change its size evenly; it keeps its shape, so that its surfels can be
 //! moved rather than made again. A turn of more than 180° needs a key on its way.
 
 use glam::{DAffine3, DQuat, DVec3};
@@ -32,6 +32,14 @@ impl<T: Copy> Keys<T> {
     pub fn new(keys: Vec<(f64, T)>) -> Option<Self> {
         let ascend = keys.windows(2).all(|pair| pair[0].0 < pair[1].0);
         (!keys.is_empty() && ascend).then_some(Self { keys })
+    }
+
+    /// The same, beginning at `start` with `value` where they begin later.
+    pub fn beginning(mut self, start: f64, value: T) -> Self {
+        if self.keys[0].0 > start {
+            self.keys.insert(0, (start, value));
+        }
+        self
     }
 
     /// The values with their times.
@@ -223,12 +231,23 @@ pub struct CameraKeys {
 }
 
 impl CameraKeys {
-    /// The camera at `time`, where `own` is the one without keys.
-    pub fn at(&self, own: CameraSpec, time: f64) -> CameraSpec {
-        let point = |keys: &Option<Keys<DVec3>>, own| keys.as_ref().map_or(own, |keys| keys.round(time));
+    /// The camera at `time`, where `own` is the one without keys, and the one at `start` of what has no key there.
+    pub fn at(&self, own: CameraSpec, start: f64, time: f64) -> CameraSpec {
+        let point = |keys: &Option<Keys<DVec3>>, own: DVec3| {
+            keys.as_ref().map_or(own, |keys| keys.clone().beginning(start, own).round(time))
+        };
+        // A lens of the other kind cannot become the keyed one bit by bit.
+        let number = |keys: &Keys<f64>, own: Option<f64>| match own {
+            Some(own) => keys.clone().beginning(start, own).monotone(time),
+            None => keys.monotone(time),
+        };
+        let (own_fov_y, own_height) = match own.lens {
+            Lens::FovY(degrees) => (Some(degrees), None),
+            Lens::Height(height) => (None, Some(height)),
+        };
         let lens = match (&self.fov_y, &self.height) {
-            (Some(degrees), _) => Lens::FovY(degrees.monotone(time)),
-            (None, Some(height)) => Lens::Height(height.monotone(time)),
+            (Some(degrees), _) => Lens::FovY(number(degrees, own_fov_y)),
+            (None, Some(height)) => Lens::Height(number(height, own_height)),
             (None, None) => own.lens,
         };
         CameraSpec {
@@ -281,6 +300,34 @@ impl Animation {
                 TimeUnit::Seconds => frame as f64 / fps,
                 TimeUnit::Frames => frame as f64,
             }
+    }
+
+    /// The camera at `time`, where `own` is the scene's.
+    pub fn camera_at(&self, own: CameraSpec, time: f64) -> CameraSpec {
+        self.camera.at(own, self.start, time)
+    }
+
+    /// Times that no leaf moves far between: some in each step between two keys.
+    pub fn sample_times(&self) -> Vec<f64> {
+        const STEPS: usize = 16;
+        let mut keys = vec![self.start, self.end];
+        for leaf in &self.leaves {
+            keys.extend(leaf.translate.iter().flat_map(|keys| keys.keys().iter().map(|key| key.0)));
+            keys.extend(leaf.rotate.iter().flat_map(|keys| keys.keys().iter().map(|key| key.0)));
+            keys.extend(leaf.growth.iter().flat_map(|keys| keys.keys().iter().map(|key| key.0)));
+        }
+        keys.sort_by(f64::total_cmp);
+        keys.dedup();
+        let between = |pair: &[f64]| {
+            let (from, to) = (pair[0], pair[1]);
+            (0..STEPS).map(move |step| from + (to - from) * step as f64 / STEPS as f64).collect::<Vec<_>>()
+        };
+        keys.windows(2).flat_map(between).chain([self.end]).collect()
+    }
+
+    /// What moves a leaf at `time`.
+    pub fn motion(&self, leaf: LeafId, time: f64) -> Motion {
+        self.leaves.iter().find(|keys| keys.leaf == leaf).map_or(Motion::REST, |keys| keys.motion(time))
     }
 
     /// Whether a leaf has keys.

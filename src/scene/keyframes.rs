@@ -68,17 +68,18 @@ pub(super) fn parse(field: &Field, leaves: &[Leaf], placements: &[Option<Placeme
             }
         }
     }
+    let (unit, start) = times[0];
     let leaves = tracks.into_iter().filter_map(|(index, tracks)| {
+        let own = placements[index]?;
         Some(LeafKeys {
             leaf: LeafId(index as u32),
-            own: placements[index]?,
-            translate: Keys::new(tracks.translate),
-            rotate: Keys::new(tracks.rotate),
-            growth: Keys::new(tracks.growth),
+            own,
+            translate: Keys::new(tracks.translate).map(|keys| keys.beginning(start, own.translate)),
+            rotate: Keys::new(tracks.rotate).map(|keys| keys.beginning(start, own.rotate)),
+            growth: Keys::new(tracks.growth).map(|keys| keys.beginning(start, 1.0)),
         })
     });
     let leaves = leaves.collect();
-    let (unit, start) = times[0];
     let end = times[times.len() - 1].1;
     Ok(Animation { unit, start, end, camera: camera.finish(), leaves })
 }
@@ -188,12 +189,27 @@ mod tests {
         assert!(animation.moves(LeafId(1)) && !animation.moves(LeafId(0)));
         let keys = &animation.leaves[0];
         assert_eq!(keys.translate.as_ref().unwrap().keys().len(), 2);
-        assert_eq!(keys.growth.as_ref().unwrap().keys(), [(5.0, 2.0)]);
+        assert_eq!(keys.growth.as_ref().unwrap().keys(), [(1.0, 1.0), (5.0, 2.0)]);
         assert!(keys.rotate.is_none());
         let own =
             crate::scene::CameraSpec { eye: DVec3::ONE, target: DVec3::ZERO, up: DVec3::Z, lens: Lens::FovY(30.0) };
-        let at = animation.camera.at(own, 1.0);
+        // What has no key at the start begins as the scene has it; a lens of the other kind cannot.
+        let at = animation.camera_at(own, 1.0);
         assert_eq!((at.eye, at.target, at.lens), (DVec3::new(9.0, 0.0, 0.0), DVec3::ZERO, Lens::Height(4.0)));
+    }
+
+    #[test]
+    fn the_first_keyframe_is_the_scene_as_it_is() {
+        let animation = parsed(
+            "[[keyframe]]\ntime = 0\n[[keyframe]]\ntime = 2\nleaf.b.translate = [0, 0, 5]\ncamera = { eye = [4, 0, 0], fov_y = 40 }\n",
+        )
+        .unwrap();
+        let own = crate::scene::CameraSpec { eye: DVec3::Y, target: DVec3::ZERO, up: DVec3::Z, lens: Lens::FovY(20.0) };
+        assert_eq!(animation.camera_at(own, 0.0), own);
+        assert_eq!(animation.camera_at(own, 1.0).lens, Lens::FovY(30.0));
+        assert_eq!(animation.camera_at(own, 2.0).eye, DVec3::new(4.0, 0.0, 0.0));
+        assert_eq!(animation.motion(LeafId(1), 1.0).translation, DVec3::new(0.0, 0.0, 2.0));
+        assert_eq!(animation.motion(LeafId(0), 1.0), crate::space::Motion::REST);
     }
 
     #[test]

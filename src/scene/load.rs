@@ -16,7 +16,7 @@ use crate::csg::{LeafId, Tree};
 use crate::formats::{self, Format, Geometry, Note, Progress, ReadError, ReadOptions, Stated};
 use crate::geometry::solid::SolidError;
 use crate::geometry::{PointCloud, Solid, TriMesh};
-use crate::space::{Camera, CameraError};
+use crate::space::{Camera, CameraError, Motion};
 
 /// A leaf's geometry, in leaf space.
 #[derive(Debug, Clone)]
@@ -443,24 +443,27 @@ impl LoadedScene {
         }
     }
 
-    /// Half-spaces whose author gave no extent reach past everything that is bounded.
+    /// Half-spaces whose author gave no extent reach past everything that is bounded, wherever it moves.
     fn give_extents(&mut self) -> Result<(), LoadError> {
         // Beyond the farthest corner, so that a surface at it is still cut.
         const REACH: f64 = 1.05;
-        let bounded = self.bounds.iter().flatten().copied().reduce(Bounds::union);
-        for (geometry, leaf) in self.geometry.iter_mut().zip(&mut self.scene.leaves) {
+        let poses = self.poses();
+        for (index, (geometry, leaf)) in self.geometry.iter_mut().zip(&mut self.scene.leaves).enumerate() {
             let LeafGeometry::Solid(Solid::HalfSpace { point, normal, extent }) = geometry else { continue };
             if *extent != EXTENT_OF_THE_SCENE {
                 continue;
             }
-            let leaf_from_world = leaf.world_from_leaf.inverse();
-            let reach = bounded.map(|bounds| {
+            let mut reach: Option<f64> = None;
+            for (bounds, motions) in &poses {
+                let Some(bounds) = bounds else { continue };
+                let leaf_from_world = (motions[index].affine() * leaf.world_from_leaf).inverse();
                 let in_plane = |corner| {
                     let offset = leaf_from_world.transform_point3(corner) - *point;
                     (offset - *normal * offset.dot(*normal)).length()
                 };
-                REACH * bounds.corners().into_iter().map(in_plane).fold(0.0, f64::max)
-            });
+                let farthest = REACH * bounds.corners().into_iter().map(in_plane).fold(0.0, f64::max);
+                reach = Some(reach.map_or(farthest, |reach| reach.max(farthest)));
+            }
             match reach {
                 Some(reach) if reach > 0.0 => *extent = reach,
                 _ => return Err(LoadError::NoExtent { leaf: leaf.name.clone() }),
@@ -468,6 +471,22 @@ impl LoadedScene {
             leaf.source = LeafSource::Solid(Solid::HalfSpace { point: *point, normal: *normal, extent: *extent });
         }
         Ok(())
+    }
+
+    /// Where the bounded leaves are, and what moves each leaf, as the scene has them and at times of its animation.
+    fn poses(&self) -> Vec<(Option<Bounds>, Vec<Motion>)> {
+        let leaves = self.scene.leaves.len();
+        let pose = |motions: Vec<Motion>| {
+            let moved =
+                |(bounds, motion): (&Option<Bounds>, &Motion)| Some(bounds.as_ref()?.transformed(&motion.affine()));
+            (self.bounds.iter().zip(&motions).filter_map(moved).reduce(Bounds::union), motions)
+        };
+        let mut poses = vec![pose(vec![Motion::REST; leaves])];
+        if let Some(animation) = &self.scene.animation {
+            let at = |time| (0..leaves as u32).map(|leaf| animation.motion(LeafId(leaf), time)).collect();
+            poses.extend(animation.sample_times().into_iter().map(|time| pose(at(time))));
+        }
+        poses
     }
 
     fn find_equal_leaves(&mut self) {
