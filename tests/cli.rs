@@ -395,3 +395,87 @@ fn a_tree_in_json_is_a_scene() {
     assert_eq!(code(&output), 3);
     assert!(stderr(&output).contains("bad.tree.json") && stderr(&output).contains("line 1"), "{}", stderr(&output));
 }
+
+#[test]
+fn a_leaf_is_drawn_as_what_the_user_wants() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let run = |line: &str, pipeline: &str, surfels: bool| {
+        let output = surfcut(here, &format!("render cut.toml -o a.png --overwrite --summary-file run.json {line}"));
+        assert_eq!(code(&output), 0, "{line}: {}", stderr(&output));
+        let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("run.json")).unwrap()).unwrap();
+        assert_eq!(json["settings"]["pipeline"], pipeline, "{line}");
+        assert_eq!(json["counts"]["surfels"].as_u64().unwrap_or(0) > 0, surfels, "{line}");
+        json["counts"]["triangles"].as_u64().unwrap_or(0)
+    };
+    assert_eq!(run("", "mesh", false), 0);
+    assert!(run("--represent ball=mesh", "mesh", false) > 50);
+    assert_eq!(run("--represent ball=surfels", "hybrid", true), 0);
+    assert!(run("--represent ball=surfels --represent drill=mesh", "hybrid", true) > 10);
+    assert_eq!(run("--represent ball=surfels --represent drill=surfels", "splat", true), 0);
+
+    let output = surfcut(here, "render cut.toml -o b.png --represent bal=surfels");
+    assert_eq!(code(&output), 2);
+    assert!(stderr(&output).contains("did you mean `ball`"), "{}", stderr(&output));
+    let output = surfcut(here, "render cut.toml -o b.png --represent ball=points");
+    assert_eq!(code(&output), 2);
+    assert!(stderr(&output).contains("surfels, mesh, exact"), "{}", stderr(&output));
+    let output = surfcut(here, "render cut.toml -o b.png --pipeline mesh --represent ball=surfels");
+    assert_eq!(code(&output), 3);
+    assert!(stderr(&output).contains("`ball` is to be drawn as surfels"), "{}", stderr(&output));
+    fs::write(here.join("scan.xyz"), "0 0 0\n1 0 0\n0 1 0\n0 0 1\n").unwrap();
+    let output = surfcut(here, "render scan.xyz -o b.png --represent scan=exact");
+    assert_eq!(code(&output), 3);
+    assert!(stderr(&output).contains("give the leaf the file of a mesh"), "{}", stderr(&output));
+    assert!(!here.join("b.png").exists());
+}
+
+#[test]
+fn ways_to_draw_a_scene_are_one_table() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let output = surfcut(here, "compare cut.toml --size 96x96 --as splats,meshes,hybrid --summary-file ways.json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let rows: Vec<String> = stdout(&output).lines().map(str::to_owned).collect();
+    assert_eq!(rows.len(), 5, "{rows:?}");
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{rows:?}");
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(here.join("ways.json")).unwrap()).unwrap();
+    for (number, (way, pipeline)) in
+        [("splats", "splat"), ("meshes", "mesh"), ("hybrid", "mesh")].into_iter().enumerate()
+    {
+        let row = &json["ways"][number];
+        assert_eq!((row["way"].as_str(), row["pipeline"].as_str()), (Some(way), Some(pipeline)));
+        assert!(row["comparison"]["wrong_pixels"].as_f64().unwrap() < 1e-3, "{row}");
+    }
+    assert_eq!(json["ways"][2]["comparison"]["near_edge_wrong"], 0.0);
+}
+
+#[test]
+fn open_and_inside_out_meshes_are_drawn_and_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    // A tetrahedron inside-out; and without the face that looks away from the origin.
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+    fs::write(here.join("turned.obj"), format!("{vertices}f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n")).unwrap();
+    fs::write(here.join("open.obj"), format!("{vertices}f 1 3 2\nf 1 2 4\nf 3 1 4\n")).unwrap();
+    let run = |line: &str| {
+        let output = surfcut(here, &format!("render {line} --size 64x64 -o a.png --overwrite --summary-file run.json"));
+        assert_eq!(code(&output), 0, "{line}: {}", stderr(&output));
+        let json = serde_json::from_slice::<serde_json::Value>(&fs::read(here.join("run.json")).unwrap()).unwrap();
+        assert!(json["counts"]["pixels_covered"].as_u64().unwrap() > 100, "{line}");
+        (stderr(&output), json)
+    };
+    let (told, json) = run("turned.obj");
+    assert!(told.contains("`turned` is inside-out") && told.contains("turn its faces over"), "{told}");
+    assert!(json["warnings"].to_string().contains("inside-out"));
+    // From the side that is open rays leave without having entered; from behind, through two faces, some do not either.
+    for pipeline in ["auto", "mesh"] {
+        let (told, json) = run(&format!("open.obj --eye 3,3.2,2.9 --target 0.2,0.2,0.2 --pipeline {pipeline}"));
+        let undecided = json["counts"]["undecided_pixels"].as_u64().unwrap();
+        assert!(undecided > 100, "{undecided}");
+        assert!(
+            told.contains("the mesh of leaf `open` is open") && told.contains(&format!("{undecided} pixels")),
+            "{told}"
+        );
+    }
+}

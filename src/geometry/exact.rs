@@ -50,7 +50,7 @@ impl std::fmt::Debug for Exact {
 }
 
 /// A lower bound of the least singular value of the linear map whose *inverse* is `inverse`; exact for similarities.
-fn least_stretch(inverse: DMat3) -> f64 {
+pub fn least_stretch(inverse: DMat3) -> f64 {
     // σ_min(A) = 1 / ‖A⁻¹‖₂ ≥ 1 / ‖A⁻¹‖_F; of a similarity all columns are equally long and perpendicular.
     let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
     let longest = columns.iter().map(|c| c.length()).fold(0.0, f64::max);

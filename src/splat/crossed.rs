@@ -214,10 +214,16 @@ impl<'a> Crossed<'a> {
         (y * self.tile.width + x) as usize
     }
 
-    /// Whether the rays of two tiles cross other leaves, or in another order, at the pixel at column and row `place`.
-    pub fn differs_at(&self, other: &Self, place: (u32, u32)) -> bool {
-        let [a, b] = [self, other].map(|crossed| crossed.tile.of(crossed.pixel(place)));
-        a.len() != b.len() || a.iter().zip(b).any(|(a, b)| a.leaf != b.leaf)
+    /// Whether the rays of two tiles cross other leaves, or in another order, at the pixel at column and row `place`, nearer than
+    /// `depth` (less the anchor).
+    pub fn differs_at(&self, other: &Self, place: (u32, u32), depth: f32) -> bool {
+        let depth = (self.anchor + f64::from(depth)) as f32;
+        let [a, b] = [self, other].map(|crossed| {
+            let nearer =
+                crossed.tile.of(crossed.pixel(place)).iter().take_while(move |crossing| crossing.depth < depth);
+            nearer.map(|crossing| crossing.leaf)
+        });
+        !a.eq(b)
     }
 
     /// Whether the ray at `place` crosses anything.

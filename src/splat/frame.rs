@@ -26,13 +26,14 @@ use super::settings::{Clip, Partners, SplatSettings};
 use super::settle::{Owner, Patch, Settled};
 use super::surface::{self, Run, Scratch, SideCache, Tile};
 use crate::classify::partners::{Among, PartnerLists};
-use crate::classify::{Class, Drawn, Model};
+use crate::classify::{Class, Drawn, LeafField, Model};
 use crate::crossings::CrossingSource;
 use crate::csg::LeafId;
 use crate::csg::residual::Crossing;
 use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
 use crate::scene::LeafKind;
 use crate::space::{Camera, PixelRect};
+use crate::surfel::Chunk;
 
 /// Pixels of a block.
 const BLOCK_AREA: usize = (BLOCK * BLOCK) as usize;
@@ -48,6 +49,8 @@ pub struct Frame<'a> {
     settings: SplatSettings,
     /// Where the settings ask for partners.
     clipping: Option<Clipping<'a>>,
+    /// By leaf: whether it is closed and every ray begins outside of it.
+    begins_outside: Vec<bool>,
     /// Finds the leaves that have no surfels.
     source: Option<Box<dyn CrossingSource + 'a>>,
 }
@@ -66,8 +69,9 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let bins = Bins::new(model, &view, margin_px(settings));
-        let mut frame =
-            Self { model, view, limit, samples, bins, level: Level::new(), settings, clipping: None, source: None };
+        let begins_outside = model.fields.iter().map(|field| begins_outside(field, &view)).collect();
+        let (level, clipping, source) = (Level::new(), None, None);
+        let mut frame = Self { model, view, limit, samples, bins, level, settings, clipping, begins_outside, source };
         frame.clipping = settings.partners_among().map(|among| {
             let lists = match (settings.partners, partners) {
                 (Partners::ObjectSpace, Some(kept)) if kept.serve(model, among) => Cow::Borrowed(kept),
@@ -160,6 +164,7 @@ impl<'a> Frame<'a> {
             surfels,
             limit: self.limit,
             clipper: None,
+            begins_outside: &self.begins_outside,
         };
         (tile, leaves)
     }
@@ -253,6 +258,15 @@ impl<'a> Frame<'a> {
     }
 }
 
+/// Whether a leaf is closed and lies in front of the eye, so that rays begin outside of it.
+fn begins_outside(field: &LeafField, view: &View) -> bool {
+    let is_ahead = |chunk: &Chunk| {
+        let centre = view.point(chunk.origin + chunk.centre.as_dvec3());
+        centre.z > f64::from(chunk.extent) + f64::from(chunk.largest_radius)
+    };
+    field.has_steady_sides() && field.cloud.chunks.iter().all(is_ahead)
+}
+
 /// One tile being drawn.
 #[derive(Clone, Copy)]
 struct TilePass<'a> {
@@ -314,6 +328,7 @@ impl Scattered {
                     let side =
                         |leaf: LeafId, point| sides.steady(&frame.model.fields[leaf.0 as usize], leaf, point, searches);
                     match steady_hit(crossed, place, &mut walk, side, settled) {
+                        Steady::Uncrossed => settled.pass(place),
                         Steady::Passed => {}
                         Steady::Hit(hit) => found.push((place, hit)),
                         Steady::Unknown(depth) => {
@@ -345,6 +360,8 @@ impl Scattered {
 
 /// What the crossings of one ray come to without a look at surfels.
 enum Steady {
+    /// None is on the result.
+    Uncrossed,
     /// None is on the result in front of what hides the rest.
     Passed,
     /// The nearest one is.
@@ -363,7 +380,7 @@ fn steady_hit(
     settled: &Settled,
 ) -> Steady {
     if !crossed.is_crossed(place) {
-        return Steady::Passed;
+        return Steady::Uncrossed;
     }
     let Some(hidden_from) = settled.hidden_from(place) else { return Steady::Unknown(f32::NEG_INFINITY) };
     crossed.begin(place, walk);
@@ -382,7 +399,7 @@ fn steady_hit(
             Some(hit) => return Steady::Unknown(hit.t),
         }
     }
-    Steady::Passed
+    if hidden_from == f32::INFINITY { Steady::Uncrossed } else { Steady::Passed }
 }
 
 /// What the rays of a set of blocks may meet.
@@ -448,13 +465,13 @@ impl<'a> TileTracer<'a> {
         }
     }
 
-    /// Whether the rays of a block's samples cross other leaves than those at the middle of its pixels.
-    fn is_crossed_unevenly(&self, corner: (u32, u32)) -> bool {
+    /// Whether the rays of a block's samples cross other leaves than those at the middle of its pixels, nearer than `depth`.
+    fn is_crossed_unevenly(&self, corner: (u32, u32), depth: f32) -> bool {
         let Some(((_, middle), others)) = self.crossed.split_first() else { return false };
         let rect = self.of.rect;
         let mut places = (corner.1..(corner.1 + BLOCK).min(rect.height()))
             .flat_map(|y| (corner.0..(corner.0 + BLOCK).min(rect.width())).map(move |x| (x, y)));
-        places.any(|place| others.iter().any(|(_, other)| middle.differs_at(other, place)))
+        places.any(|place| others.iter().any(|(_, other)| middle.differs_at(other, place, depth)))
     }
 
     /// Calls `each` with what every block of `set` shows at `offset` within its pixels.
@@ -617,22 +634,35 @@ impl LayerSource for Frame<'_> {
         };
         // Step 1: all blocks at the middle of their pixels, which does for those that an edge does not cross.
         let mut crossed = BlockSet::new(rect, false);
-        let uneven: Vec<bool> =
-            everywhere.iter().map(|block| tracer.is_crossed_unevenly(everywhere.corner(block))).collect();
+        // Behind the deepest surface that a block shows, where all its pixels show one, nothing matters.
+        let mut shows_to = vec![f32::INFINITY; everywhere.count()];
+        let nearest_only = self.limit == LayerLimit::Nearest;
         tracer.trace(&everywhere, DVec2::splat(0.5), |block, seen| {
             let corner = everywhere.corner(block);
-            let one_surface = |hits: &BlockHits| hits.is_uniform() && self.is_smooth(rect, anchor, corner, hits);
+            let mut one_surface = |hits: &BlockHits| {
+                let is_one = hits.is_uniform() && self.is_smooth(rect, anchor, corner, hits);
+                if is_one && nearest_only && !hits.hits.is_empty() {
+                    shows_to[block] = hits.hits.iter().map(|hit| hit.t).fold(f32::NEG_INFINITY, f32::max);
+                }
+                is_one
+            };
             match seen {
-                Seen::Settled(settled)
-                    if self.samples == 1 || (!uneven[block] && one_surface(&settled.block_hits(corner))) => {}
+                Seen::Settled(settled) if self.samples == 1 || one_surface(&settled.block_hits(corner)) => {}
                 Seen::Traced { hits, may_be_crossed }
-                    if self.samples == 1 || (!may_be_crossed && !uneven[block] && one_surface(hits)) =>
+                    if self.samples == 1 || (!may_be_crossed && one_surface(hits)) =>
                 {
                     blocks[block] = Some(traced(block, hits))
                 }
                 _ => crossed.insert(block),
             }
         });
+        for block in everywhere.iter() {
+            let is_decided = self.samples == 1 || crossed.contains(block);
+            if !is_decided && tracer.is_crossed_unevenly(everywhere.corner(block), shows_to[block]) {
+                crossed.insert(block);
+                blocks[block] = None;
+            }
+        }
         // Step 2: the others, every sample for itself.
         if !crossed.is_empty() {
             let mut merging: Vec<Vec<SampleMerger>> = vec![Vec::new(); crossed.count()];

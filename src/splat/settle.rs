@@ -189,6 +189,8 @@ pub struct Settled {
     blocked_from: Vec<f32>,
     /// A bit for each pixel, a row at a time, once [`Settled::settle`] is through.
     settled: Vec<u64>,
+    /// Likewise the pixels where no crossing of a leaf without surfels is on the result.
+    uncrossed: Vec<u64>,
     words_a_row: usize,
 }
 
@@ -212,6 +214,8 @@ impl Settled {
         self.blocked_from.resize(pixels, f32::INFINITY);
         self.settled.clear();
         self.settled.resize(self.words_a_row * self.height as usize, 0);
+        self.uncrossed.clear();
+        self.uncrossed.resize(self.settled.len(), 0);
         #[cfg(target_arch = "x86_64")]
         {
             if let Some(avx2) = level.as_avx2() {
@@ -356,6 +360,16 @@ impl Settled {
         let place = (x as usize, y as usize);
         let is_empty = self.plane(Plane::Lower as usize, place) == f32::INFINITY;
         self.covered(place).or(is_empty.then_some(f32::INFINITY))
+    }
+
+    /// Notes that no crossing of a leaf without surfels is on the result at a pixel.
+    pub fn pass(&mut self, (x, y): (u32, u32)) {
+        self.uncrossed[y as usize * self.words_a_row + x as usize / 64] |= 1 << (x % 64);
+    }
+
+    /// Whether that was noted.
+    pub fn is_uncrossed(&self, (x, y): (u32, u32)) -> bool {
+        self.uncrossed[y as usize * self.words_a_row + x as usize / 64] >> (x % 64) & 1 == 1
     }
 
     /// Settles a pixel on `hit`, an opaque front found by other means, in front of all that was scattered there; where

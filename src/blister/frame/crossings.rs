@@ -8,6 +8,8 @@ use fearless_simd::Simd;
 use glam::DVec2;
 
 use super::super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, LANES};
+use super::super::model::SolidLeaf;
+use super::super::project;
 use super::super::raster::{Grid, Offsets};
 use super::super::solids;
 use super::super::survivors::{SlotLook, Survivor};
@@ -15,10 +17,61 @@ use super::super::write::Writer;
 use super::{MeshFrame, Pass, SUBPIXELS, Scratch, pixel_of};
 use crate::crossings::{Crossing, CrossingSource, CrossingTile, PixelBits};
 use crate::csg::LeafId;
+use crate::geometry::exact::least_stretch;
 use crate::layers::TILE_SIDE;
 use crate::space::PixelRect;
 
+/// Solids are looked for in squares of this many pixels a side, a multiple of a block's sides.
+const PART: u32 = 16;
+
+fn overlap(a: PixelRect, b: PixelRect) -> PixelRect {
+    PixelRect { x0: a.x0.max(b.x0), y0: a.y0.max(b.y0), x1: a.x1.min(b.x1), y1: a.y1.min(b.y1) }
+}
+
 impl MeshFrame<'_> {
+    /// Whether any ray through `rect` may meet a solid: `false` is certain.
+    ///
+    /// The rays are within a cone around the middle one. Along that it goes as far as the solid's distance less the cone's
+    /// radius allows, until it is behind the solid or too close to tell.
+    fn may_meet(&self, solid: &SolidLeaf, rect: PixelRect) -> bool {
+        /// A cone that is not clear of the solid after so many steps passes it closely.
+        const MOST_STEPS: u32 = 24;
+        /// A step below this share of the depth is too short to get anywhere.
+        const LEAST_STEP: f64 = 1e-3;
+        let Some((low, high)) = solid.solid.bounds() else { return true };
+        let corner = |x: u32, y: u32| self.view.camera.ray(DVec2::new(f64::from(x), f64::from(y)));
+        let middle = self
+            .view
+            .camera
+            .ray(0.5 * DVec2::new(f64::from(rect.x0) + f64::from(rect.x1), f64::from(rect.y0) + f64::from(rect.y1)));
+        let corners =
+            [(rect.x0, rect.y0), (rect.x1, rect.y0), (rect.x0, rect.y1), (rect.x1, rect.y1)].map(|(x, y)| corner(x, y));
+        // The radius grows evenly with depth, from what it is at the origin.
+        let radius_at = |t: f64| corners.iter().map(|ray| ray.at(t).distance(middle.at(t))).fold(0.0, f64::max);
+        let (at_origin, growth) = (radius_at(0.0), radius_at(1.0) - radius_at(0.0));
+        let speed = middle.dir.length();
+        let stretch = least_stretch(solid.leaf_from_world.matrix3);
+        let last = project::corners(low, high)
+            .map(|p| self.view.camera.view_from_world(solid.world_from_leaf.transform_point3(p)).z)
+            .into_iter()
+            .fold(f64::NEG_INFINITY, f64::max);
+        let mut t = 0.0;
+        for _ in 0..MOST_STEPS {
+            if t > last {
+                return false;
+            }
+            let p = solid.leaf_from_world.transform_point3(middle.at(t));
+            // Written so that NaN may meet.
+            let clear = solid.solid.signed_distance_bound(p).abs() * stretch - (at_origin + growth * t);
+            let step = clear / (speed + growth);
+            if !(step > LEAST_STEP * last) {
+                return true;
+            }
+            t += step;
+        }
+        true
+    }
+
     /// Appends the crossings of the pixels `wanted` of one tile, at `offset` within the pixels.
     #[inline(always)]
     fn cross_tile<S: Simd>(
@@ -45,8 +98,21 @@ impl MeshFrame<'_> {
             pass.meshlet(simd, &offsets, entry, leaf.0, &scratch.planes, &mut scratch.fragments);
         }
         for (solid, covers) in self.model.solids.iter().zip(&self.covers) {
-            let (hits, fragments) = (&mut scratch.hits, &mut scratch.fragments);
-            solids::draw(simd, &self.view, &scratch.planes, &grid, solid, *covers, solid.leaf.0, hits, fragments);
+            let tile = PixelRect { x0, y0, x1: x0 + TILE_SIDE, y1: y0 + TILE_SIDE };
+            let within = overlap(tile, overlap(*covers, rect));
+            if within.x0 >= within.x1 || within.y0 >= within.y1 || !self.may_meet(solid, within) {
+                continue;
+            }
+            for (y, x) in (0..TILE_SIDE)
+                .step_by(PART as usize)
+                .flat_map(|y| (0..TILE_SIDE).step_by(PART as usize).map(move |x| (y, x)))
+            {
+                let part = overlap(PixelRect { x0: x0 + x, y0: y0 + y, x1: x0 + x + PART, y1: y0 + y + PART }, within);
+                if part.x0 < part.x1 && part.y0 < part.y1 && self.may_meet(solid, part) {
+                    let (hits, fragments) = (&mut scratch.hits, &mut scratch.fragments);
+                    solids::draw(simd, &self.view, &scratch.planes, &grid, solid, part, solid.leaf.0, hits, fragments);
+                }
+            }
         }
         for block in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
             scratch.fragments.layers_of(block, &mut scratch.layers);
