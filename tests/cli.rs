@@ -272,7 +272,8 @@ fn info_tells_what_there_is() {
     let directory = with_scene(SCENE);
     let output = surfcut(directory.path(), "info cut.toml");
     assert_eq!(code(&output), 0);
-    for part in ["ball - drill", "2 leaves, 1 operator deep", "2 IDs", "mm", "48 × 32", "cylinder", "frames the scene"] {
+    for part in ["ball - drill", "2 leaves, 1 operator deep", "2 IDs", "mm", "48 × 32", "cylinder", "frames the scene"]
+    {
         assert!(stdout(&output).contains(part), "{}", stdout(&output));
     }
     let output = surfcut(directory.path(), "info cut.toml --summary-file -");
