@@ -252,6 +252,10 @@ impl<S: LayerSource + ?Sized> LayerSource for Box<S> {
     fn draw(&self, rect: PixelRect) -> LayerTile {
         (**self).draw(rect)
     }
+
+    fn draw_opaque(&self, rect: PixelRect, tile: &mut OpaqueTile) -> bool {
+        (**self).draw_opaque(rect, tile)
+    }
 }
 
 impl<S: LayerSource + ?Sized> LayerSource for &S {
@@ -263,6 +267,10 @@ impl<S: LayerSource + ?Sized> LayerSource for &S {
     }
     fn draw(&self, rect: PixelRect) -> LayerTile {
         (**self).draw(rect)
+    }
+
+    fn draw_opaque(&self, rect: PixelRect, tile: &mut OpaqueTile) -> bool {
+        (**self).draw_opaque(rect, tile)
     }
 }
 
