@@ -272,12 +272,14 @@ fn info_tells_what_there_is() {
     let directory = with_scene(SCENE);
     let output = surfcut(directory.path(), "info cut.toml");
     assert_eq!(code(&output), 0);
-    for part in ["ball - drill", "mm", "48 × 32", "cylinder", "frames the scene"] {
+    for part in ["ball - drill", "2 leaves, 1 operator deep", "2 IDs", "mm", "48 × 32", "cylinder", "frames the scene"]
+    {
         assert!(stdout(&output).contains(part), "{}", stdout(&output));
     }
     let output = surfcut(directory.path(), "info cut.toml --summary-file -");
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["leaves"][1]["geometry"], "cylinder");
+    assert_eq!(json["positive_form"]["leaves"], 2);
 }
 
 #[test]

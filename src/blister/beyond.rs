@@ -94,7 +94,7 @@ pub(super) fn triangle<S: Simd>(
                 let mask = mask32x8::from_bitmask(simd, bits);
                 let block = block_y * BLOCKS_ACROSS + block_x;
                 let keys = f32x8::from_slice(simd, &keys);
-                fragments.add(simd, block, slot, mask, keys, u32x8::splat(simd, what));
+                fragments.add(simd, block, slot, mask, keys, f32::INFINITY, u32x8::splat(simd, what));
             }
         }
     }

@@ -6,8 +6,10 @@
 
 use rayon::prelude::*;
 
+use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH};
 use super::model::{MESHLET, MeshModel};
-use super::project::{Snapped, View, place};
+use super::project::{SUBPIXELS, Snapped, View, place};
+use super::raster::Key;
 use crate::layers::TILE_SIDE;
 
 /// A meshlet in a tile's list.
@@ -58,8 +60,8 @@ impl Span {
 }
 
 impl Bins {
-    /// Bins the meshlets of `model`. `samples_apart`: whether pixels are sampled elsewhere than at their centres.
-    pub fn new(view: &View, model: &MeshModel, vertices: &[Snapped], samples_apart: bool) -> Self {
+    /// Bins the meshlets of `model`; `planes` are its shared ones over positions in pixels. `samples_apart`: whether pixels are sampled elsewhere than at their centres.
+    pub fn new(view: &View, model: &MeshModel, vertices: &[Snapped], planes: &[Key], samples_apart: bool) -> Self {
         let across = view.camera.width.div_ceil(TILE_SIDE);
         let down = view.camera.height.div_ceil(TILE_SIDE);
         let picture = Picture::new(view, samples_apart);
@@ -70,7 +72,7 @@ impl Bins {
                 let mut out = Vec::new();
                 let mut masks = Vec::new();
                 for meshlet in task * A_TASK..((task + 1) * A_TASK).min(model.meshlets.len()) {
-                    bin(&picture, model, vertices, meshlet, &mut masks, &mut out);
+                    bin(&picture, model, vertices, planes, meshlet, &mut masks, &mut out);
                 }
                 out
             })
@@ -136,10 +138,27 @@ impl Picture {
     }
 }
 
+/// The greatest key over a triangle that has it from a shared plane, which may pass its corners at a distance; else the least.
+fn over_plane(model: &MeshModel, planes: &[Key], triangle: u32, corners: [Snapped; 3]) -> f32 {
+    let Some(key) = planes.get(model.surfaces[triangle as usize].plane as usize) else { return f32::NEG_INFINITY };
+    if corners.iter().any(|corner| corner[3] != place::FINE) {
+        return key.high;
+    }
+    let at = |v: Snapped| key.over.at(f64::from(v[0]) / f64::from(SUBPIXELS), f64::from(v[1]) / f64::from(SUBPIXELS));
+    let [a, b, c] = corners.map(at);
+    // Fragments' keys are summed in `f32`: from a block's corner, its width and its height aside.
+    const ROUNDINGS: f64 = 4.0 * f32::EPSILON as f64;
+    let most = a.max(b).max(c);
+    let aside = f64::from(BLOCK_WIDTH) * key.over.x.abs() + f64::from(BLOCK_HEIGHT) * key.over.y.abs();
+    ((most + ROUNDINGS * (most.abs() + aside)) as f32).next_up().min(key.high)
+}
+
+#[allow(clippy::too_many_arguments)]
 fn bin(
     picture: &Picture,
     model: &MeshModel,
     vertices: &[Snapped],
+    planes: &[Key],
     meshlet: usize,
     masks: &mut Vec<u64>,
     out: &mut Vec<(u32, Entry)>,
@@ -173,6 +192,8 @@ fn bin(
         } else {
             0.0
         };
+        let key =
+            if of.has_shared_planes { key.max(over_plane(model, planes, of.first + i as u32, [a, b, c])) } else { key };
         nearest = nearest.max(key);
         drawn |= 1 << i;
         tiles[i] = found.tiles();

@@ -25,7 +25,9 @@ use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
 use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
-use crate::layers::{LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, SampleMerger, TILE_SIDE, sample_offsets};
+use crate::layers::{
+    LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, SampleMerger, TILE_SIDE, sample_offsets,
+};
 use crate::space::{Camera, PixelRect};
 
 /// A frame of a [`MeshModel`].
@@ -44,8 +46,18 @@ pub struct MeshFrame<'a> {
     begins_outside: Vec<bool>,
     /// Over positions in pixels.
     planes: Vec<Key>,
+    /// Whether every pixel shows at most one surface, an opaque triangle in its leaf's colour.
+    is_opaque: bool,
     /// Buffers of the tiles drawn so far, for those to come.
     spare: Mutex<Vec<Scratch>>,
+}
+
+/// Where a tile's boundaries go.
+enum Target<'a> {
+    /// Tiles side by side.
+    Layers(&'a mut Vec<LayerTile>),
+    /// Only one tile, of a frame that [is opaque](MeshFrame::is_opaque).
+    Opaque(&'a mut OpaqueTile),
 }
 
 /// Buffers that are kept from tile to tile.
@@ -66,8 +78,10 @@ struct Scratch {
     judge: Judge,
     survivors: Survivors,
     entries: Vec<Entry>,
-    /// By block: what is seen of one that is settled.
-    settled: Vec<Eight>,
+    /// By block: what has been found of its pixels.
+    found: Vec<Eight>,
+    /// By block and word: its pixels' memberships where the last look ended.
+    states: Vec<[u32; LANES]>,
 }
 
 impl<'a> MeshFrame<'a> {
@@ -77,45 +91,56 @@ impl<'a> MeshFrame<'a> {
         let level = Level::new();
         let view = View::new(camera);
         let vertices = project::vertices(level, &view, model);
-        let bins = Bins::new(&view, model, &vertices, samples > 1);
-        let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let planes = project::planes(&view, &model.planes);
+        let bins = Bins::new(&view, model, &vertices, &planes, samples > 1);
+        let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let outside = |look: &Option<Look>| {
             let around = look.as_ref().and_then(|look| look.closed_within);
             around.is_some_and(|(low, high)| view.begins_outside(low, high))
         };
         let begins_outside = model.looks.iter().map(outside).collect();
+        let mut looks = model.flat.leaves().iter().map(|leaf| model.look(*leaf));
+        let is_opaque = limit == LayerLimit::Nearest
+            && samples == 1
+            && model.solids.is_empty()
+            && looks.all(|look| look.opacity >= 1.0 && !look.is_sheet && !look.vertex_colours);
         let spare = Mutex::default();
-        Self { model, view, limit, samples, level, vertices, bins, covers, begins_outside, planes, spare }
+        Self { model, view, limit, samples, level, vertices, bins, covers, begins_outside, planes, is_opaque, spare }
     }
 
-    fn draw_into(&self, rect: PixelRect, scratch: &mut Scratch) -> LayerTile {
+    /// Lends buffers.
+    fn with_scratch(&self, draw: impl FnOnce(&mut Scratch)) {
+        let spare = || self.spare.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut scratch = spare().pop().unwrap_or_default();
+        draw(&mut scratch);
+        spare().push(scratch);
+    }
+
+    fn draw_into(&self, rect: PixelRect, scratch: &mut Scratch, target: Target) {
         #[cfg(target_arch = "x86_64")]
         {
             // Two sets of instructions, as in `splat::frame`: each is another copy of every kernel.
             if let Some(avx2) = self.level.as_avx2() {
                 return avx2.vectorize(
                     #[inline(always)]
-                    || self.draw_with(avx2, rect, scratch),
+                    || self.draw_with(avx2, rect, scratch, target),
                 );
             }
             let sse2 = self.level.as_sse2().expect("every x86-64 processor has SSE2");
             sse2.vectorize(
                 #[inline(always)]
-                || self.draw_with(sse2, rect, scratch),
+                || self.draw_with(sse2, rect, scratch, target),
             )
         }
         #[cfg(not(target_arch = "x86_64"))]
-        fearless_simd::dispatch!(self.level, simd => self.draw_with(simd, rect, scratch))
+        fearless_simd::dispatch!(self.level, simd => self.draw_with(simd, rect, scratch, target))
     }
 
     #[inline(always)]
-    fn draw_with<S: Simd>(&self, simd: S, rect: PixelRect, scratch: &mut Scratch) -> LayerTile {
+    fn draw_with<S: Simd>(&self, simd: S, rect: PixelRect, scratch: &mut Scratch, mut target: Target) {
         let mut lanes = LaneScratch::default();
-        let columns = rect.x0 / TILE_SIDE..=(rect.x1 - 1) / TILE_SIDE;
-        let mut parts = Vec::new();
         for row in rect.y0 / TILE_SIDE..=(rect.y1 - 1) / TILE_SIDE {
-            for column in columns.clone() {
+            for column in rect.x0 / TILE_SIDE..=(rect.x1 - 1) / TILE_SIDE {
                 let (x0, y0) = (column * TILE_SIDE, row * TILE_SIDE);
                 let wanted = PixelRect {
                     x0: rect.x0.max(x0),
@@ -123,9 +148,13 @@ impl<'a> MeshFrame<'a> {
                     x1: rect.x1.min(x0 + TILE_SIDE),
                     y1: rect.y1.min(y0 + TILE_SIDE),
                 };
-                parts.push(self.tile(simd, (column, row), wanted, scratch, &mut lanes));
+                self.tile(simd, (column, row), wanted, scratch, &mut lanes, &mut target);
             }
         }
+    }
+
+    /// The tiles of `rect`, which stand row by row in `parts`, as one.
+    fn joined(rect: PixelRect, mut parts: Vec<LayerTile>) -> LayerTile {
         if parts.len() == 1 {
             return parts.swap_remove(0);
         }
@@ -143,7 +172,7 @@ impl<'a> MeshFrame<'a> {
         whole
     }
 
-    /// The boundaries of the pixels `wanted` of one tile.
+    /// Adds the boundaries of the pixels `wanted` of one tile to `target`.
     #[inline(always)]
     fn tile<S: Simd>(
         &self,
@@ -152,7 +181,8 @@ impl<'a> MeshFrame<'a> {
         wanted: PixelRect,
         scratch: &mut Scratch,
         lanes: &mut LaneScratch<S>,
-    ) -> LayerTile {
+        target: &mut Target,
+    ) {
         let entries = self.bins.of(column, row);
         let overlaps = |covers: &PixelRect| {
             covers.x0 < wanted.x1 && wanted.x0 < covers.x1 && covers.y0 < wanted.y1 && wanted.y0 < covers.y1
@@ -170,7 +200,10 @@ impl<'a> MeshFrame<'a> {
         present.sort_unstable();
         present.dedup();
         if scratch.shrunk.keep(&self.model.flat, present) != Kept::Open {
-            return LayerTile::empty(wanted);
+            return match target {
+                Target::Layers(parts) => parts.push(LayerTile::empty(wanted)),
+                Target::Opaque(tile) => tile.covered.fill(0),
+            };
         }
         let slots = scratch.shrunk.slots().to_vec();
         let slot_of = |leaf: LeafId| slots.binary_search(&leaf).ok().map(|slot| slot as u32);
@@ -198,6 +231,10 @@ impl<'a> MeshFrame<'a> {
         // Then any boundary is all that a pixel needs, and a block can be settled before everything is drawn.
         let is_plain = scratch.looks.iter().all(|look| look.stops && !look.is_solid && !look.look.is_sheet);
         let may_settle = is_plain && slots.iter().all(|leaf| self.begins_outside[leaf.0 as usize]);
+        if may_settle {
+            let blocks = (BLOCKS_ACROSS * BLOCKS_DOWN) as usize;
+            scratch.found.resize(blocks, Eight::default());
+        }
         scratch.entries.clear();
         scratch.entries.extend(
             entries
@@ -207,6 +244,7 @@ impl<'a> MeshFrame<'a> {
         if may_settle {
             scratch.entries.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.meshlet.cmp(&b.meshlet)));
         }
+        let wants_bodies = matches!(target, Target::Layers(_));
         scratch.judge.reset();
         lanes.nodes.resize(scratch.shrunk.node_count(), u32x8::splat(simd, 0));
 
@@ -225,7 +263,11 @@ impl<'a> MeshFrame<'a> {
             scratch.planes.extend(self.planes.iter().map(|key| pass.at_samples(*key)));
             scratch.fragments.clear();
             scratch.hits.clear();
-            let mut settling = Settling::new(wanted, grid, may_settle);
+            let mut settling = Settling::new(wanted, grid, may_settle, wants_bodies);
+            if may_settle {
+                scratch.states.clear();
+                scratch.states.resize(scratch.found.len() * scratch.shrunk.words(), [0; LANES]);
+            }
             for i in 0..scratch.entries.len() {
                 let entry = scratch.entries[i];
                 if may_settle && settling.hides(&entry, &scratch.fragments) {
@@ -235,7 +277,7 @@ impl<'a> MeshFrame<'a> {
                     pass.meshlet(simd, &offsets, &entry, slot, &scratch.planes, &mut scratch.fragments);
                 }
                 let Some(next) = scratch.entries.get(i + 1) else { break };
-                if settling.is_due(&scratch.fragments) {
+                if settling.is_due(next.nearest, &scratch.fragments) {
                     settling.settle(simd, next.nearest, scratch, lanes);
                     if settling.open == 0 {
                         break;
@@ -261,11 +303,15 @@ impl<'a> MeshFrame<'a> {
                 hits: &scratch.hits,
                 judge: &mut scratch.judge,
                 out: &mut scratch.survivors,
+                wants_bodies,
             };
-            let area = wanted.area();
+            let area = if self.is_opaque { 0 } else { wanted.area() };
             let mut tile =
                 LayerTile { rect: wanted, offsets: Vec::with_capacity(area + 1), boundaries: Vec::with_capacity(area) };
             tile.offsets.push(0);
+            if let Target::Opaque(tile) = target {
+                tile.covered.fill(0);
+            }
             let blocks =
                 |first: u32, end: u32, block: u32| first % TILE_SIDE / block..((end - 1) % TILE_SIDE) / block + 1;
             for block_y in blocks(wanted.y0, wanted.y1, BLOCK_HEIGHT) {
@@ -273,10 +319,17 @@ impl<'a> MeshFrame<'a> {
                     let corner = (x0 + block_x * BLOCK_WIDTH, y0 + block_y * BLOCK_HEIGHT);
                     let wanted_here = wanted_lanes(corner, wanted);
                     let number = block_y * BLOCKS_ACROSS + block_x;
+                    let done = scratch.fragments.done(number);
+                    if let (Target::Opaque(tile), u8::MAX) = (&mut *target, done) {
+                        let found = &scratch.found[number as usize];
+                        self.put(&scratch.looks, found, wanted_here, corner, wanted, tile);
+                        continue;
+                    }
+                    if done != 0 {
+                        chooser.out.put_block(&scratch.found[number as usize], done);
+                    }
                     scratch.fragments.layers_of(number, &mut scratch.layers);
-                    if scratch.fragments.is_settled(block_x, block_y) {
-                        chooser.out.put_block(&scratch.settled[number as usize]);
-                    } else if !scratch.layers.is_empty() {
+                    if done != u8::MAX && !scratch.layers.is_empty() {
                         scratch.begins_inside.clear();
                         for (slot, solid) in &scratch.endless {
                             let solid = &self.model.solids[*solid];
@@ -294,15 +347,28 @@ impl<'a> MeshFrame<'a> {
                             kinds: &scratch.kinds,
                             layers: &scratch.layers,
                             begins_inside: &scratch.begins_inside,
-                            wanted: wanted_here,
+                            wanted: wanted_here & !done,
                             has_sheets,
                             is_plain,
                             is_partial: may_settle,
                             floor: ABSENT,
+                            ceiling: settling.ceiling(),
                         };
-                        block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
+                        if may_settle {
+                            let words = scratch.shrunk.words();
+                            let state = &mut scratch.states[number as usize * words..][..words];
+                            block.peel_on(simd, state, lanes, &mut scratch.peel, &mut chooser);
+                        } else {
+                            block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
+                        }
                     }
-                    chooser.out.end_block(wanted_here);
+                    match target {
+                        Target::Layers(_) => chooser.out.end_block(wanted_here),
+                        Target::Opaque(tile) => {
+                            let (first, has) = chooser.out.take_block();
+                            self.put(&scratch.looks, &first, has & wanted_here, corner, wanted, tile);
+                        }
+                    }
                 }
                 for (number, row) in chooser.out.rows.iter().enumerate().filter(|(_, row)| !row.counts.is_empty()) {
                     writer.row(wanted.x0, y0 + block_y * BLOCK_HEIGHT + number as u32, row, &mut tile);
@@ -311,41 +377,105 @@ impl<'a> MeshFrame<'a> {
             }
             passes.push(tile);
         }
-        if passes.len() == 1 { passes.swap_remove(0) } else { merged(wanted, &passes) }
+        if let Target::Layers(parts) = target {
+            parts.push(if passes.len() == 1 { passes.swap_remove(0) } else { merged(wanted, &passes) });
+        }
+    }
+
+    /// Puts what the pixels `seen` of the block at `corner` show into an opaque tile that begins where `wanted` does.
+    #[inline(always)]
+    fn put(
+        &self,
+        looks: &[SlotLook],
+        first: &Eight,
+        seen: u8,
+        corner: (u32, u32),
+        wanted: PixelRect,
+        tile: &mut OpaqueTile,
+    ) {
+        let (what, owners) = (first.what(), first.owners());
+        let of = |lane: usize| {
+            let normal = self.model.surfaces[what[lane] as usize].normal;
+            (normal.to_array(), looks[owners[lane] as usize].look.colour)
+        };
+        if seen == u8::MAX
+            && what.iter().all(|other| *other == what[0])
+            && owners.iter().all(|other| *other == owners[0])
+        {
+            // Most blocks show one triangle.
+            let (normal, colour) = of(0);
+            let (x, y) = (corner.0 - wanted.x0, corner.1 - wanted.y0);
+            for y in y..y + BLOCK_HEIGHT {
+                let place = (y * TILE_SIDE + x) as usize;
+                for axis in 0..3 {
+                    tile.normals[axis][place..place + BLOCK_WIDTH as usize].fill(normal[axis]);
+                    tile.colours[axis][place..place + BLOCK_WIDTH as usize].fill(colour[axis]);
+                }
+                tile.covered[y as usize] |= ((1 << BLOCK_WIDTH) - 1) << x;
+            }
+            return;
+        }
+        let mut rest = seen;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            let (x, y) = pixel_of(lane);
+            // A pixel that is wanted does not lie before the tile.
+            let (x, y) = (corner.0 + x - wanted.x0, corner.1 + y - wanted.y0);
+            let place = (y * TILE_SIDE + x) as usize;
+            let (normal, colour) = of(lane);
+            for axis in 0..3 {
+                tile.normals[axis][place] = normal[axis];
+                tile.colours[axis][place] = colour[axis];
+            }
+            tile.covered[y as usize] |= 1 << x;
+        }
     }
 }
 
-/// Settles blocks before all of the tile is drawn.
+/// Peels blocks before all of the tile is drawn.
 ///
 /// *Theory.* Meshlets are drawn nearest first. Once the nearest fragment of those to come is known, nothing nearer can appear:
-/// a block whose pixels all have their boundary before it is settled, and takes no more fragments; a meshlet behind
-/// settled blocks alone is not drawn. This needs every ray to begin outside of every leaf, since else the parity of a leaf
-/// takes all of its fragments.
+/// all fragments before it can be peeled and forgotten. A pixel that has its boundary then takes no more fragments; a
+/// meshlet behind blocks whose pixels all have theirs is not drawn. This needs every ray to begin outside of every leaf, since
+/// else the parity of a leaf takes all of its fragments.
 ///
-/// *Practice.* Looking costs a peel of the blocks that are still open, and is for nothing where pixels stay empty. So it is
-/// done when as many layers have come as there are open blocks, and half as often after a look that settled few.
+/// *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
+/// passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as ever before: no
+/// more looks than the logarithm of the layers.
 struct Settling {
     wanted: PixelRect,
+    wants_bodies: bool,
     grid: Grid,
     is_on: bool,
     /// Blocks that are not settled.
     open: u32,
-    /// Layers at the last look, and how many more make the next.
+    /// Layers begun at the last look, and how many more make the next.
     last: usize,
     step: usize,
+    /// All fragments with greater keys have been peeled.
+    floor: f32,
 }
 
 impl Settling {
-    /// A look that settles less than this share of the open blocks was too early.
-    const WORTH: u32 = 4;
+    /// Layers for each open block that make the first look.
+    const LAYERS_A_LOOK: u32 = 2;
 
-    fn new(wanted: PixelRect, grid: Grid, is_on: bool) -> Self {
+    fn new(wanted: PixelRect, grid: Grid, is_on: bool, wants_bodies: bool) -> Self {
         let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
-        Self { wanted, grid, is_on, open, last: 0, step: open as usize }
+        let step = (open * Self::LAYERS_A_LOOK) as usize;
+        Self { wanted, wants_bodies, grid, is_on, open, last: 0, step, floor: f32::INFINITY }
     }
 
-    fn is_due(&self, fragments: &Fragments) -> bool {
-        self.is_on && fragments.heads.len() >= self.last + self.step
+    /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
+    fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
+        // Nothing can be told while what is to come may be as near as what has been peeled.
+        self.is_on && fragments.begun >= self.last + self.step && nearest < self.floor
+    }
+
+    /// No fragment that is still to be peeled has this key or a greater one.
+    fn ceiling(&self) -> f32 {
+        self.floor.next_up()
     }
 
     /// Whether all that an entry could draw is behind settled blocks.
@@ -357,17 +487,20 @@ impl Settling {
         fragments.all_settled(block(x0, y0), block(x1, y1))
     }
 
-    /// Looks at every open block; none of the fragments to come has a greater key than `floor`.
+    /// Peels every open block down to `floor`, the greatest key that fragments to come can have.
     #[inline(always)]
     fn settle<S: Simd>(&mut self, simd: S, floor: f32, scratch: &mut Scratch, lanes: &mut LaneScratch<S>) {
-        scratch.settled.resize((BLOCKS_ACROSS * BLOCKS_DOWN) as usize, Eight::default());
-        let mut settled = 0;
+        let words = scratch.shrunk.words();
         for number in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
             let (block_x, block_y) = (number % BLOCKS_ACROSS, number / BLOCKS_ACROSS);
             let corner = (self.grid.x0 + block_x * BLOCK_WIDTH, self.grid.y0 + block_y * BLOCK_HEIGHT);
             let wanted = wanted_lanes(corner, self.wanted);
-            scratch.fragments.layers_of(number, &mut scratch.layers);
-            if wanted == 0 || scratch.layers.is_empty() || scratch.fragments.is_settled(block_x, block_y) {
+            let done = scratch.fragments.done(number);
+            if wanted & !done == 0 {
+                continue;
+            }
+            scratch.fragments.take_above(number, floor, &mut scratch.layers);
+            if scratch.layers.is_empty() {
                 continue;
             }
             let mut chooser = Chooser {
@@ -375,6 +508,7 @@ impl Settling {
                 hits: &scratch.hits,
                 judge: &mut scratch.judge,
                 out: &mut scratch.survivors,
+                wants_bodies: self.wants_bodies,
             };
             let block = Block {
                 shrunk: &scratch.shrunk,
@@ -382,24 +516,27 @@ impl Settling {
                 kinds: &scratch.kinds,
                 layers: &scratch.layers,
                 begins_inside: &[],
-                wanted,
+                wanted: wanted & !done,
                 has_sheets: false,
                 is_plain: true,
                 is_partial: true,
                 floor,
+                ceiling: self.ceiling(),
             };
-            block.peel(simd, lanes, &mut scratch.peel, &mut chooser);
-            if let Some(first) = chooser.out.take_block(wanted) {
-                scratch.settled[number as usize] = first;
-                scratch.fragments.settle(block_x, block_y);
-                settled += 1;
-            }
+            let found = &mut scratch.found[number as usize];
+            chooser.out.put_block(found, done);
+            let state = &mut scratch.states[number as usize * words..][..words];
+            block.peel_on(simd, state, lanes, &mut scratch.peel, &mut chooser);
+            let done;
+            (*found, done) = chooser.out.take_block();
+            let is_settled = done & wanted == wanted;
+            scratch.fragments.finish(number, done, is_settled);
+            self.open -= u32::from(is_settled);
+            scratch.fragments.put_back(simd, number, &scratch.layers, floor);
         }
-        if settled * Self::WORTH < self.open {
-            self.step *= 2;
-        }
-        self.open -= settled;
-        self.last = scratch.fragments.heads.len();
+        self.floor = floor;
+        self.last = scratch.fragments.begun;
+        self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
     }
 }
 
@@ -552,10 +689,15 @@ impl LayerSource for MeshFrame<'_> {
     }
 
     fn draw(&self, rect: PixelRect) -> LayerTile {
-        let spare = || self.spare.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let mut scratch = spare().pop().unwrap_or_default();
-        let tile = self.draw_into(rect, &mut scratch);
-        spare().push(scratch);
-        tile
+        let mut parts = Vec::new();
+        self.with_scratch(|scratch| self.draw_into(rect, scratch, Target::Layers(&mut parts)));
+        Self::joined(rect, parts)
+    }
+
+    fn draw_opaque(&self, rect: PixelRect, tile: &mut OpaqueTile) -> bool {
+        if self.is_opaque {
+            self.with_scratch(|scratch| self.draw_into(rect, scratch, Target::Opaque(tile)));
+        }
+        self.is_opaque
     }
 }

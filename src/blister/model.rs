@@ -101,6 +101,8 @@ pub(super) struct Meshlet {
     /// How many.
     pub count: u32,
     pub leaf: LeafId,
+    /// Whether a triangle of it lies in a plane that leaves share.
+    pub has_shared_planes: bool,
 }
 
 /// A triangle's plane in world space.
@@ -260,7 +262,7 @@ impl MeshModel {
         }
         let mut first = self.triangles.len() as u32;
         for count in mesh.groups {
-            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf });
+            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf, has_shared_planes: false });
             first += count;
         }
         let (triangles, surfaces) = (Arc::make_mut(&mut self.triangles), Arc::make_mut(&mut self.surfaces));
@@ -300,6 +302,10 @@ impl MeshModel {
         self.planes = Arc::new(planes);
         for (surface, plane) in Arc::make_mut(&mut self.surfaces).iter_mut().zip(plane_of) {
             surface.plane = plane;
+        }
+        for meshlet in &mut self.meshlets {
+            let own = &self.surfaces[meshlet.first as usize..(meshlet.first + meshlet.count) as usize];
+            meshlet.has_shared_planes = own.iter().any(|surface| surface.plane != NO_PLANE);
         }
     }
 

@@ -17,7 +17,7 @@ use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
 use super::fragments::{ABSENT, Fragments, LANES};
 use super::survivors::Survivor;
-use super::ties::{State, turn};
+use super::ties::{State, is_inside, turn};
 use crate::csg::flat::SLOTS_A_WORD;
 use crate::csg::{Counters, Shrunk};
 
@@ -60,6 +60,9 @@ pub(super) trait Sink {
     /// As [`take_one`](Self::take_one) for several pixels of a [`Block::is_plain`] block, which then need nothing more.
     fn take_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>);
 
+    /// Whether bodies are asked for.
+    fn wants_bodies(&self) -> bool;
+
     /// The body of a boundary whose owner goes against the result, given the state just inside it.
     fn body(&mut self, shrunk: &Shrunk, inside: &State) -> Option<u32>;
 
@@ -99,7 +102,7 @@ pub(super) struct Block<'a> {
     pub layers: &'a [u32],
     /// For endless slots: the pixels whose rays begin inside.
     pub begins_inside: &'a [(u32, u8)],
-    /// Which pixels are wanted.
+    /// Which pixels are to be peeled.
     pub wanted: u8,
     /// Whether any slot is a sheet.
     pub has_sheets: bool,
@@ -109,6 +112,8 @@ pub(super) struct Block<'a> {
     pub is_partial: bool,
     /// Only fragments with greater keys are peeled.
     pub floor: f32,
+    /// Only fragments with lesser keys are: the others have been.
+    pub ceiling: f32,
 }
 
 /// One layer of a block.
@@ -137,6 +142,7 @@ pub(super) struct PeelScratch {
     members: Vec<Member>,
     before: Vec<u32>,
     after: Vec<u32>,
+    outside: Vec<[u32; LANES]>,
 }
 
 /// Buffers of lanes.
@@ -156,14 +162,32 @@ impl Block<'_> {
     /// Hands every peel that matters to `sink`.
     #[inline(always)]
     pub fn peel<S: Simd>(&self, simd: S, lanes: &mut LaneScratch<S>, scratch: &mut PeelScratch, sink: &mut impl Sink) {
+        let mut state = std::mem::take(&mut scratch.outside);
+        state.clear();
+        state.resize(self.shrunk.words(), [0; LANES]);
+        self.peel_on(simd, &mut state, lanes, scratch, sink);
+        scratch.outside = state;
+    }
+
+    /// As [`peel`](Self::peel), from `state` on, the pixels' memberships at the ceiling word by word. Of pixels that are
+    /// still wanted it becomes that at the floor.
+    #[inline(always)]
+    pub fn peel_on<S: Simd>(
+        &self,
+        simd: S,
+        state: &mut [[u32; LANES]],
+        lanes: &mut LaneScratch<S>,
+        scratch: &mut PeelScratch,
+        sink: &mut impl Sink,
+    ) {
         if self.layers.len() > MOST_LAYERS || self.shrunk.words() > MOST_WORDS || self.has_sheets {
-            return self.peel_sorted(scratch, sink);
+            return self.peel_sorted(state, scratch, sink);
         }
         match self.shrunk.words() {
-            1 => self.peel_lanes::<S, 1>(simd, lanes, scratch, sink),
-            2 => self.peel_lanes::<S, 2>(simd, lanes, scratch, sink),
-            3..=4 => self.peel_lanes::<S, 4>(simd, lanes, scratch, sink),
-            _ => self.peel_lanes::<S, MOST_WORDS>(simd, lanes, scratch, sink),
+            1 => self.peel_lanes::<S, 1>(simd, state, lanes, scratch, sink),
+            2 => self.peel_lanes::<S, 2>(simd, state, lanes, scratch, sink),
+            3..=4 => self.peel_lanes::<S, 4>(simd, state, lanes, scratch, sink),
+            _ => self.peel_lanes::<S, MOST_WORDS>(simd, state, lanes, scratch, sink),
         }
     }
 
@@ -171,12 +195,16 @@ impl Block<'_> {
     fn peel_lanes<S: Simd, const WORDS: usize>(
         &self,
         simd: S,
+        kept: &mut [[u32; LANES]],
         lanes: &mut LaneScratch<S>,
         scratch: &mut PeelScratch,
         sink: &mut impl Sink,
     ) {
         let (none, absent) = (u32x8::splat(simd, 0), f32x8::splat(simd, ABSENT));
         let mut state = [none; WORDS];
+        for (word, kept) in state.iter_mut().zip(&*kept) {
+            *word = u32x8::from_slice(simd, kept);
+        }
         self.gather(simd, lanes, scratch);
         for (&keys, layer) in lanes.keys.iter().zip(&scratch.layers) {
             if layer.is_closed && !self.is_partial {
@@ -193,7 +221,7 @@ impl Block<'_> {
             state[word] |= u32x8::from_slice(simd, &inside);
         }
         let mut was = self.shrunk.eval_lanes(simd, &state, &mut lanes.nodes);
-        let mut last = f32x8::splat(simd, f32::INFINITY);
+        let mut last = f32x8::splat(simd, self.ceiling);
         let mut alive = u32::from(self.wanted);
         // The layers before `first` have been peeled off.
         let mut first = 0;
@@ -215,15 +243,18 @@ impl Block<'_> {
                 }
                 next = next.max(ahead.select(keys, absent));
             }
-            alive &= next.simd_gt(self.floor).to_bitmask() as u32;
+            // Pixels without more toggle no more: what the state becomes is theirs at the floor.
+            next = next.simd_gt(self.floor).select(next, absent);
+            alive &= next.simd_gt(absent).to_bitmask() as u32;
             if alive == 0 {
-                return;
+                break;
             }
             let before = state;
             // The layer that each pixel's fragment is in, by its number plus one, and whether there is another.
             let (mut of_layer, mut several) = (none, none);
+            let is_any = next.simd_gt(absent);
             for i in first..end {
-                let here = lanes.keys[i].simd_eq(next);
+                let here = lanes.keys[i].simd_eq(next) & is_any;
                 let bit = u32x8::splat(simd, scratch.layers[i].bit);
                 let word = scratch.layers[i].word % WORDS;
                 state[word] ^= here.select(bit, none);
@@ -253,7 +284,7 @@ impl Block<'_> {
                         let layer = &scratch.layers[of_layer[lane] as usize - 1];
                         let owner_after: [u32; LANES] = state[layer.word % WORDS].into();
                         let goes_with_result = (owner_after[lane] & layer.bit != 0) == is_front;
-                        let body = if goes_with_result {
+                        let body = if goes_with_result || !sink.wants_bodies() {
                             layer.slot
                         } else {
                             let inside = self.of_lane(lane, if is_front { &state } else { &before });
@@ -281,10 +312,13 @@ impl Block<'_> {
                     }
                 }
                 if alive == 0 {
-                    return;
+                    break;
                 }
             }
             (was, last) = (is, next);
+        }
+        for (word, kept) in state.into_iter().zip(kept) {
+            *kept = word.into();
         }
     }
 
@@ -314,7 +348,7 @@ impl Block<'_> {
             inside = here.select(after[layer.word % WORDS] & layer.bit, inside);
         }
         let goes_with_result = !(inside.simd_eq(0) ^ is_front.simd_eq(0));
-        let mut against = !(goes_with_result.to_bitmask() as u32) & wanted;
+        let mut against = if sink.wants_bodies() { !(goes_with_result.to_bitmask() as u32) & wanted } else { 0 };
         let mut bodies = owners;
         if against != 0 {
             let (entered, owner): ([u32; LANES], [u32; LANES]) = (is_front.into(), owners.into());
@@ -389,18 +423,24 @@ impl Block<'_> {
         }
     }
 
-    fn peel_sorted(&self, scratch: &mut PeelScratch, sink: &mut impl Sink) {
+    fn peel_sorted(&self, state: &mut [[u32; LANES]], scratch: &mut PeelScratch, sink: &mut impl Sink) {
         for lane in (0..LANES).filter(|lane| self.wanted >> lane & 1 == 1) {
+            scratch.before.clear();
+            scratch.before.extend(state.iter().map(|word| word[lane]));
             self.peel_pixel(lane, scratch, sink);
+            for (word, before) in state.iter_mut().zip(&scratch.before) {
+                word[lane] = *before;
+            }
         }
     }
 
+    /// From the memberships that `scratch` has as those before to those at the floor.
     fn peel_pixel(&self, lane: usize, scratch: &mut PeelScratch, sink: &mut impl Sink) {
         let PeelScratch { counters, sorted, members, before, after, .. } = scratch;
         sorted.clear();
         for &layer in self.layers {
             let key = self.fragments.keys[layer as usize][lane];
-            if key > ABSENT {
+            if key > ABSENT && key < self.ceiling {
                 sorted.push((
                     key,
                     self.fragments.heads[layer as usize].slot,
@@ -410,8 +450,10 @@ impl Block<'_> {
         }
         sorted.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         counters.reset(self.shrunk);
-        before.clear();
-        before.resize(self.shrunk.words(), 0);
+        let slots = self.shrunk.slots().len() as u32;
+        for slot in (0..slots).filter(|slot| is_inside(before, *slot)) {
+            counters.toggle(self.shrunk, slot as usize);
+        }
         let by_parity = |slot: u32| !self.is_partial && self.kinds[slot as usize] == SlotKind::Closed;
         let beginning = sorted.iter().filter(|(_, slot, _)| by_parity(*slot));
         let endless = self.begins_inside.iter().filter(|(_, pixels)| pixels >> lane & 1 == 1);

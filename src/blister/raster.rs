@@ -236,7 +236,8 @@ pub(super) fn triangle<S: Simd>(
             across = (across.0.max(left.max(0) / width), across.1.min(right.min(last) >> BLOCK_WIDTH.trailing_zeros()));
         }
         for block_x in across.0..=across.1 {
-            if fragments.is_settled(block_x as u32, block_y as u32) {
+            let block = block_y as u32 * BLOCKS_ACROSS + block_x as u32;
+            if fragments.done(block) == u8::MAX {
                 continue;
             }
             let column = block_x * width;
@@ -249,8 +250,7 @@ pub(super) fn triangle<S: Simd>(
             }
             let corner = key.at_block(grid, block_x as u32, block_y as u32);
             let keys = (key_lanes + corner).max(key.low).min(key.high);
-            let block = block_y as u32 * BLOCKS_ACROSS + block_x as u32;
-            fragments.add(simd, block, slot, inside, keys, what);
+            fragments.add(simd, block, slot, inside, keys, key.high, what);
         }
     }
 }

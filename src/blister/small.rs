@@ -121,12 +121,13 @@ impl Found {
             let column = self.column[lane] as u32 + (sample as u32 & 1);
             let row = self.row[lane] as u32 + (sample as u32 >> 1);
             let (block_x, block_y) = (column / BLOCK_WIDTH, row / BLOCK_HEIGHT);
-            if fragments.is_settled(block_x, block_y) {
+            let block = block_y * BLOCKS_ACROSS + block_x;
+            let of_block = (row % BLOCK_HEIGHT * BLOCK_WIDTH + column % BLOCK_WIDTH) as usize;
+            if fragments.done(block) >> of_block & 1 == 1 {
                 continue;
             }
-            let of_block = (row % BLOCK_HEIGHT * BLOCK_WIDTH + column % BLOCK_WIDTH) as usize;
             let at = key.in_block(grid, block_x, block_y, of_block);
-            fragments.add_one(block_y * BLOCKS_ACROSS + block_x, slot, of_block, at, what);
+            fragments.add_one(block, slot, of_block, at, what);
         }
     }
 }

@@ -134,7 +134,7 @@ pub(super) fn draw<S: Simd>(
             for (keys, what, bits) in layers {
                 let mask = mask32x8::from_bitmask(simd, bits);
                 let (keys, what) = (f32x8::from_slice(simd, &keys), u32x8::from_slice(simd, &what));
-                fragments.add(simd, block, slot, mask, keys, what);
+                fragments.add(simd, block, slot, mask, keys, f32::INFINITY, what);
             }
         }
     }

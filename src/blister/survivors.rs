@@ -127,6 +127,16 @@ impl Row {
 }
 
 impl Eight {
+    /// What each pixel shows.
+    pub fn what(&self) -> &[u32; LANES] {
+        &self.what
+    }
+
+    /// Whose each pixel is, a slot.
+    pub fn owners(&self) -> &[u32; LANES] {
+        &self.owners
+    }
+
     fn get(&self, lane: usize) -> Survivor {
         let body = self.bodies[lane];
         Survivor {
@@ -161,17 +171,17 @@ impl Survivors {
         self.forget_block();
     }
 
-    /// Drops what was found of a block; returns its first survivors where all `wanted` pixels have one.
-    pub fn take_block(&mut self, wanted: u8) -> Option<Eight> {
-        let is_complete = self.has & wanted == wanted;
+    /// Drops what was found of a block; returns each pixel's first survivor, and which pixels have one.
+    pub fn take_block(&mut self) -> (Eight, u8) {
+        let has = self.has;
         self.forget_block();
-        is_complete.then_some(self.first)
+        (self.first, has)
     }
 
     /// Puts back what [`take_block`](Self::take_block) returned.
-    pub fn put_block(&mut self, first: &Eight) {
+    pub fn put_block(&mut self, first: &Eight, has: u8) {
         self.first = *first;
-        self.has = u8::MAX;
+        self.has = has;
     }
 
     fn forget_block(&mut self) {
@@ -211,6 +221,8 @@ pub(super) struct Chooser<'a> {
     pub hits: &'a [SolidHit],
     pub judge: &'a mut Judge,
     pub out: &'a mut Survivors,
+    /// Whether anybody asks for bodies: the owner stands for them where nobody does.
+    pub wants_bodies: bool,
 }
 
 impl Sink for Chooser<'_> {
@@ -236,6 +248,10 @@ impl Sink for Chooser<'_> {
         first.bodies = lanes.select(bodies, u32x8::from_slice(simd, &first.bodies)).into();
     }
 
+    fn wants_bodies(&self) -> bool {
+        self.wants_bodies
+    }
+
     fn body(&mut self, shrunk: &Shrunk, inside: &State) -> Option<u32> {
         self.judge.body(shrunk, inside)
     }
@@ -249,7 +265,8 @@ impl Sink for Chooser<'_> {
             };
             let inside = if peel.is { peel.after } else { peel.before };
             let goes_with_result = is_inside(peel.after, owner) == peel.is;
-            let body = if goes_with_result { owner } else { self.judge.body(shrunk, inside).unwrap_or(owner) };
+            let is_own = goes_with_result || !self.wants_bodies;
+            let body = if is_own { owner } else { self.judge.body(shrunk, inside).unwrap_or(owner) };
             (owner, body, peel.is)
         } else {
             let Some(owner) = self.sheet(shrunk, peel) else { return false };

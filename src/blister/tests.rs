@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Vec3};
 
 use super::{MeshFrame, MeshLeaf, MeshModel, MeshModelError, MeshShape};
+use crate::composite::{Look, shaded, shaded_stack};
 use crate::csg::expression::parse;
 use crate::csg::{LeafId, Tree};
 use crate::geometry::solid::Ball;
 use crate::geometry::{Solid, TriMesh};
-use crate::layers::{Boundary, LayerLimit, LayerSource, LayerStack};
+use crate::layers::{Boundary, LayerLimit, LayerSource, LayerStack, OpaqueTile, TILE_SIDE};
 use crate::measure::algebra::{ball_mesh, block};
+use crate::measure::rng::Rng;
 use crate::reference::{RayBoundary, Reference, TruthLeaf, TruthShape};
-use crate::scene::LeafKind;
+use crate::scene::{LeafKind, Light};
 use crate::space::{Camera, Lens, PixelRect};
 
 fn tree(text: &str) -> Tree {
@@ -366,4 +368,85 @@ fn unusable_leaves_are_refused_by_number() {
     broken.positions[3].x = f64::NAN;
     let found = new(&[leaf(0, mesh(broken), DAffine3::IDENTITY)], "a");
     assert!(matches!(found, Err(MeshModelError::Mesh { leaf: LeafId(0), .. })));
+}
+
+/// Many balls, and blocks on a lattice, so that faces coincide.
+fn heap(rng: &mut Rng, count: u32) -> Vec<MeshLeaf> {
+    let (ball, cube) = (mesh(ball_mesh(3)), mesh(block([2, 3, 1])));
+    let one = |id: u32| {
+        let is_ball = rng.below(2) == 0;
+        let step = |rng: &mut Rng| rng.below(9) as f64 * 0.25 - 1.0;
+        let place = DVec3::new(step(rng), step(rng), step(rng));
+        let size = if is_ball { 0.3 + 0.1 * rng.below(8) as f64 } else { 0.25 * (1 + rng.below(3)) as f64 };
+        let placed = DAffine3::from_translation(place) * DAffine3::from_scale(DVec3::splat(size));
+        let colour = [id as f32 / count as f32, 0.5, 0.5];
+        MeshLeaf { colour, ..leaf(id, if is_ball { ball.clone() } else { cube.clone() }, placed) }
+    };
+    (0..count).map(one).collect()
+}
+
+#[test]
+fn looks_taken_early_and_the_short_cut_show_the_head_of_all() {
+    let mut rng = Rng::new(20, 0);
+    let mut covered_by_all = 0;
+    // Few leaves, several words of them, and more words than lanes are made for.
+    for count in [9, 48, 90, 300] {
+        let leaves = heap(&mut rng, count);
+        // (… | …) & (… | …) - (… & …), as the paper's gear.
+        let join = |from: u32, to: u32, operator: fn(Tree, Tree) -> Tree| {
+            (from..to).map(|id| Tree::leaf(LeafId(id))).reduce(operator).unwrap()
+        };
+        let (third, two) = (count / 3, 2 * count / 3);
+        let both = Tree::and(join(0, third, Tree::or), join(third, two, Tree::or));
+        let tree = Tree::minus(both, join(two, two + 2, Tree::and));
+        let tree = Tree::minus(tree, join(two + 2, two + 2 + (count - two - 2).min(6), Tree::and));
+        let model = MeshModel::new(&leaves, &tree).unwrap();
+        let camera = Camera::look_at(FAR_EYE, DVec3::ZERO, DVec3::Z, Lens::FovY(30.0), 150, 130).unwrap();
+        let frame = |limit| MeshFrame::new(&model, camera.clone(), limit, 1);
+        let all = LayerStack::collect(&frame(LayerLimit::All));
+        let nearest = frame(LayerLimit::Nearest);
+        let mut covered = 0;
+        let mut short = OpaqueTile::default();
+        for rect in PixelRect::tiles(camera.width, camera.height, TILE_SIDE) {
+            let tile = nearest.draw(rect);
+            assert!(nearest.draw_opaque(rect, &mut short));
+            for (x, y) in (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y))) {
+                let (head, found) = (&all.at(x, y)[..all.at(x, y).len().min(1)], tile.at(x, y));
+                assert_eq!(found, head, "{count} leaves at {x},{y}");
+                let (column, row) = (x - rect.x0, y - rect.y0);
+                assert_eq!(short.covered[row as usize] >> column & 1 == 1, !head.is_empty());
+                let Some(head) = head.first() else { continue };
+                covered += 1;
+                let place = (row * TILE_SIDE + column) as usize;
+                let normal = Vec3::from_array([0, 1, 2].map(|axis| short.normals[axis][place]));
+                assert!(normal == head.normal || normal == -head.normal);
+                assert_eq!([0, 1, 2].map(|channel| short.colours[channel][place]), head.colour);
+            }
+        }
+        covered_by_all += covered;
+        let look = Look { light: Light::default(), background: [0.2, 0.3, 0.4, 1.0] };
+        let (lit, slow) = (shaded(&nearest, &look, &|| ()), shaded_stack(&LayerStack::collect(&nearest), &look));
+        assert_eq!((lit.covered, slow.covered), (covered, covered));
+        let differ = |(a, b): (&[f32; 4], &[f32; 4])| a.iter().zip(b).any(|(a, b)| !((a - b).abs() < 1e-6));
+        assert!(!lit.pixels.iter().zip(&slow.pixels).any(differ));
+    }
+    assert!(covered_by_all > 1000, "{covered_by_all} pixels are covered");
+}
+
+#[test]
+fn there_is_no_short_cut_where_more_than_a_surface_shows() {
+    let ball = leaf(0, mesh(ball_mesh(2)), DAffine3::IDENTITY);
+    let cases = [
+        (ball.clone(), LayerLimit::Nearest, 1, true),
+        (ball.clone(), LayerLimit::All, 1, false),
+        (ball.clone(), LayerLimit::Nearest, 4, false),
+        (MeshLeaf { opacity: 0.5, ..ball.clone() }, LayerLimit::Nearest, 1, false),
+        (MeshLeaf { kind: LeafKind::Sheet, ..ball }, LayerLimit::Nearest, 1, false),
+    ];
+    for (leaf, limit, samples, is_short) in cases {
+        let model = MeshModel::new(&[leaf], &tree("a")).unwrap();
+        let frame = MeshFrame::new(&model, look(FAR_EYE, DVec3::ZERO, Lens::FovY(40.0)), limit, samples);
+        let rect = PixelRect { x0: 0, y0: 0, x1: 64, y1: 64 };
+        assert_eq!(frame.draw_opaque(rect, &mut OpaqueTile::default()), is_short);
+    }
 }

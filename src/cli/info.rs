@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use serde_json::{Value, json};
-use surfcut::csg::LeafId;
+use surfcut::csg::{First, LeafId, Positive, StatusList};
 use surfcut::scene::framing::{Bounds, Extent};
 use surfcut::scene::{LeafGeometry, LeafKind, LoadedScene};
 use surfcut::space::Lens;
@@ -81,6 +81,33 @@ fn expression(loaded: &LoadedScene) -> String {
     loaded.scene.tree.display(|leaf| loaded.scene.leaves[leaf.0 as usize].name.as_str()).to_string()
 }
 
+/// The size of an expression's positive form.
+struct Form {
+    /// Occurrences of leaves.
+    leaves: u32,
+    depth: u32,
+    /// Of a status list, in the order in which it is written and with the busier operand first.
+    ids: u32,
+    ids_reordered: u32,
+}
+
+impl Form {
+    fn of(loaded: &LoadedScene) -> Self {
+        let positive = loaded.canonical_tree().positive();
+        let ids = |positive: &Positive| StatusList::from(&positive.blist()).id_count();
+        Self {
+            leaves: positive.literals().count() as u32,
+            depth: positive.depth(),
+            ids: ids(&positive),
+            ids_reordered: ids(&positive.left_heavy(First::Busier)),
+        }
+    }
+}
+
+fn counted(count: u32, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 fn text(loaded: &LoadedScene) -> String {
     /// A longer expression is of no use on a terminal; the summary file has it whole.
     const LONGEST: usize = 400;
@@ -94,6 +121,14 @@ fn text(loaded: &LoadedScene) -> String {
     let shown: String = expression.chars().take(LONGEST).collect();
     let rest = if shown.len() < expression.len() { " …" } else { "" };
     line(format!("expression  {shown}{rest}"));
+    let form = Form::of(loaded);
+    line(format!(
+        "positive    {}, {} deep; as a list it takes {}, and {} with the busier operand first",
+        counted(form.leaves, "leaf", "leaves"),
+        counted(form.depth, "operator", "operators"),
+        counted(form.ids, "ID", "IDs"),
+        form.ids_reordered,
+    ));
     line(format!("units       {}", scene.units.as_deref().unwrap_or("not named")));
     line(format!("picture     {} × {} pixels", scene.size.0, scene.size.1));
     line(match loaded.extent() {
@@ -184,9 +219,16 @@ fn summary(loaded: &LoadedScene) -> Value {
             })
         })
         .collect();
+    let form = Form::of(loaded);
     json!({
         "surfcut": env!("CARGO_PKG_VERSION"),
         "expression": expression(loaded),
+        "positive_form": {
+            "leaves": form.leaves,
+            "depth": form.depth,
+            "ids": form.ids,
+            "ids_reordered": form.ids_reordered,
+        },
         "units": scene.units,
         "size": [scene.size.0, scene.size.1],
         "result_bounds": match loaded.extent() {

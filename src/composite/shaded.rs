@@ -6,6 +6,7 @@
 //! front. Samples are blended in linear light, each front to back on its own, so that edges between two leaves of one
 //! pixel show neither background nor halo.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use fearless_simd::prelude::*;
@@ -14,7 +15,7 @@ use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use super::Picture;
-use crate::layers::{Boundary, LayerSource, LayerStack, LayerTile, MAX_SAMPLES, TILE_SIDE};
+use crate::layers::{Boundary, LayerSource, LayerStack, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE};
 use crate::scene::Light;
 use crate::space::{Camera, PixelRect, Projection};
 
@@ -101,7 +102,7 @@ impl<'a> Shader<'a> {
 
     /// Lights what `batch` holds, writes it to its places in `pixels`, and empties it. The same light as [`lit`](Self::lit).
     fn light(&self, batch: &mut Batch, pixels: &mut [[f32; 4]]) {
-        let lit = fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lit_lanes(simd, batch)));
+        let lit = fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lit_batch(simd, batch)));
         for (lane, &index) in batch.index[..batch.len].iter().enumerate() {
             pixels[index] = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
         }
@@ -130,9 +131,81 @@ impl<'a> Shader<'a> {
         lit
     }
 
+    /// Lights the pixels of an opaque tile at `rect` into `rows`, those without a surface as `background`. The same light as
+    /// [`lit`](Self::lit). Returns how many show a surface.
+    fn light_opaque(&self, tile: &OpaqueTile, rect: PixelRect, rows: &mut Rows, background: [f32; 4]) -> u64 {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.light_opaque_lanes(simd, tile, rect, rows, background),
+        ))
+    }
+
     #[inline(always)]
-    fn lit_lanes<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
+    fn light_opaque_lanes<S: Simd>(
+        &self,
+        simd: S,
+        tile: &OpaqueTile,
+        rect: PixelRect,
+        rows: &mut Rows,
+        background: [f32; 4],
+    ) -> u64 {
+        const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let steps = f32x8::from_slice(simd, &STEPS);
+        let mut count = 0;
+        for (row, pixels) in rows.iter_mut().enumerate() {
+            let covered = tile.covered[row];
+            count += u64::from(covered.count_ones());
+            for (number, pixels) in pixels.chunks_mut(LANES).enumerate() {
+                let covered = covered >> (number * LANES) & u64::from(u8::MAX);
+                if covered == 0 {
+                    pixels.fill(background);
+                    continue;
+                }
+                let column = number * LANES;
+                let place = row * TILE_SIDE as usize + column;
+                let [x, y] = self.centre_of(rect.x0 + column as u32, rect.y0 + row as u32);
+                let load = |plane: &[f32]| f32x8::from_slice(simd, &plane[place..place + LANES]);
+                let lit = self.lit_lanes(
+                    simd,
+                    [steps + x, f32x8::splat(simd, y)],
+                    [load(&tile.normals[0][..]), load(&tile.normals[1][..]), load(&tile.normals[2][..])],
+                    [load(&tile.colours[0][..]), load(&tile.colours[1][..]), load(&tile.colours[2][..])],
+                );
+                if covered == u64::from(u8::MAX)
+                    && let Ok(pixels) = <&mut [[f32; 4]; LANES]>::try_from(&mut *pixels)
+                {
+                    for (lane, pixel) in pixels.iter_mut().enumerate() {
+                        *pixel = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
+                    }
+                    continue;
+                }
+                for (lane, pixel) in pixels.iter_mut().enumerate() {
+                    let is_covered = covered >> lane & 1 == 1;
+                    *pixel = if is_covered { [lit[0][lane], lit[1][lane], lit[2][lane], 1.0] } else { background };
+                }
+            }
+        }
+        count
+    }
+
+    #[inline(always)]
+    fn lit_batch<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
         let load = |lanes: &[f32; LANES]| f32x8::from_slice(simd, lanes);
+        let [n_x, n_y, n_z] = &batch.normal;
+        let [r, g, b] = &batch.colour;
+        let at = [load(&batch.at[0]), load(&batch.at[1])];
+        self.lit_lanes(simd, at, [load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)])
+    }
+
+    /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours.
+    #[inline(always)]
+    fn lit_lanes<S: Simd>(
+        &self,
+        simd: S,
+        at: [f32x8<S>; 2],
+        [n_x, n_y, n_z]: [f32x8<S>; 3],
+        [r, g, b]: [f32x8<S>; 3],
+    ) -> [[f32; LANES]; 3] {
         let (forward, right, down) =
             (self.camera.forward.as_vec3(), self.camera.right.as_vec3(), self.camera.down.as_vec3());
         // Towards the eye.
@@ -140,14 +213,13 @@ impl<'a> Shader<'a> {
             (f32x8::splat(simd, -forward.x), f32x8::splat(simd, -forward.y), f32x8::splat(simd, -forward.z));
         if let Projection::Perspective { focal_px } = self.camera.projection {
             let per_focal = (1.0 / focal_px) as f32;
-            let (x, y) = (load(&batch.at[0]) * per_focal, load(&batch.at[1]) * per_focal);
+            let (x, y) = (at[0] * per_focal, at[1] * per_focal);
             e_x -= x * right.x + y * down.x;
             e_y -= x * right.y + y * down.y;
             e_z -= x * right.z + y * down.z;
             let per_length = f32x8::splat(simd, 1.0) / (e_x * e_x + e_y * e_y + e_z * e_z).sqrt();
             (e_x, e_y, e_z) = (e_x * per_length, e_y * per_length, e_z * per_length);
         }
-        let (n_x, n_y, n_z) = (load(&batch.normal[0]), load(&batch.normal[1]), load(&batch.normal[2]));
         let facing_eye = n_x * e_x + n_y * e_y + n_z * e_z;
         // Both sides are lit alike: products with the normal change sign where it looks away.
         let one = f32x8::splat(simd, 1.0);
@@ -167,12 +239,7 @@ impl<'a> Shader<'a> {
         let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
         let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT;
         let highlight = facing_light.simd_gt(0.0).select(shine, f32x8::splat(simd, 0.0));
-        let [r, g, b] = &batch.colour;
-        [
-            (load(r) * diffuse + highlight).into(),
-            (load(g) * diffuse + highlight).into(),
-            (load(b) * diffuse + highlight).into(),
-        ]
+        [(r * diffuse + highlight).into(), (g * diffuse + highlight).into(), (b * diffuse + highlight).into()]
     }
 
     /// Linear RGB of the lit surface at `boundary`, seen from `towards_eye` (world space, unit length).
@@ -207,21 +274,30 @@ fn power<const EXPONENT: i32, S: Simd>(base: f32x8<S>) -> f32x8<S> {
 /// on any number of threads. `on_tile` is called once for each finished tile, from any thread (there are
 /// [`tile_count`]).
 pub fn shaded(source: &dyn LayerSource, look: &Look, on_tile: &(dyn Fn() + Sync)) -> Picture {
-    let draw = |rect, blend: &dyn Fn(&LayerTile) -> Blended| {
-        let drawn = blend(&source.draw(rect));
+    let samples = source.samples().clamp(1, MAX_SAMPLES);
+    let spare: Mutex<Vec<OpaqueTile>> = Mutex::default();
+    let spare = || spare.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    by_tiles(source.camera(), look, &|shader, rect, rows| {
+        let mut tile = spare().pop().unwrap_or_default();
+        let covered = if source.draw_opaque(rect, &mut tile) {
+            shader.light_opaque(&tile, rect, rows, look.background)
+        } else {
+            blend_tile(&source.draw(rect), samples, shader, look.background).put(rows)
+        };
+        spare().push(tile);
         on_tile();
-        drawn
-    };
-    by_tiles(source.camera(), source.samples(), look, &draw)
+        covered
+    })
 }
 
 /// As [`shaded`], for layers that are all in memory.
 pub fn shaded_stack(stack: &LayerStack, look: &Look) -> Picture {
     let across = stack.camera.width.div_ceil(TILE_SIDE);
-    let draw = |rect: PixelRect, blend: &dyn Fn(&LayerTile) -> Blended| {
-        blend(&stack.tiles()[(rect.y0 / TILE_SIDE * across + rect.x0 / TILE_SIDE) as usize])
-    };
-    by_tiles(&stack.camera, stack.samples, look, &draw)
+    let samples = stack.samples.clamp(1, MAX_SAMPLES);
+    by_tiles(&stack.camera, look, &|shader, rect, rows| {
+        let tile = &stack.tiles()[(rect.y0 / TILE_SIDE * across + rect.x0 / TILE_SIDE) as usize];
+        blend_tile(tile, samples, shader, look.background).put(rows)
+    })
 }
 
 /// A tile's pixels, row by row, and how many of them show a surface.
@@ -230,35 +306,45 @@ pub(super) struct Blended {
     pub covered: u64,
 }
 
-/// Gives a rectangle's tile to the function that blends it.
-type DrawTile<'a> = dyn Fn(PixelRect, &dyn Fn(&LayerTile) -> Blended) -> Blended + Sync + 'a;
+impl Blended {
+    /// Copies the pixels to their rows; returns how many show a surface.
+    fn put(&self, rows: &mut Rows) -> u64 {
+        let mut rest = &self.pixels[..];
+        for row in rows.iter_mut() {
+            let (pixels, below) = rest.split_at(row.len());
+            row.copy_from_slice(pixels);
+            rest = below;
+        }
+        self.covered
+    }
+}
 
-fn by_tiles(camera: &Camera, samples: u32, look: &Look, draw: &DrawTile) -> Picture {
+/// The rows of one tile's pixels in the picture.
+type Rows<'a> = [&'a mut [[f32; 4]]];
+
+/// Draws the pixels of a rectangle into their places; returns how many show a surface.
+type DrawTile<'a> = dyn Fn(&Shader, PixelRect, &mut Rows) -> u64 + Sync + 'a;
+
+fn by_tiles(camera: &Camera, look: &Look, draw: &DrawTile) -> Picture {
     let (width, height) = (camera.width, camera.height);
     let shader = Shader::new(&look.light, camera);
-    let samples = samples.clamp(1, MAX_SAMPLES);
     let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
     let covered = AtomicU64::new(0);
-    let band_length = width as usize * TILE_SIDE as usize;
+    let side = TILE_SIDE as usize;
+    let band_length = width as usize * side;
     pixels.par_chunks_mut(band_length.max(1)).enumerate().for_each(|(band_index, band)| {
         let y0 = band_index as u32 * TILE_SIDE;
         let y1 = (y0 + TILE_SIDE).min(height);
-        let tiles: Vec<(u32, Blended)> = (0..width)
-            .into_par_iter()
-            .step_by(TILE_SIDE as usize)
-            .map(|x0| {
-                let rect = PixelRect { x0, y0, x1: (x0 + TILE_SIDE).min(width), y1 };
-                (x0, draw(rect, &|tile| blend_tile(tile, samples, &shader, look.background)))
-            })
-            .collect();
-        for (x0, tile) in tiles {
-            covered.fetch_add(tile.covered, Ordering::Relaxed);
-            let across = tile.pixels.len() / (y1 - y0) as usize;
-            for (row, line) in tile.pixels.chunks_exact(across).enumerate() {
-                let start = row * width as usize + x0 as usize;
-                band[start..start + across].copy_from_slice(line);
-            }
+        let mut tiles: Vec<Vec<&mut [[f32; 4]]>> =
+            (0..(width as usize).div_ceil(side)).map(|_| Vec::with_capacity(side)).collect();
+        for line in band.chunks_mut(width as usize) {
+            tiles.iter_mut().zip(line.chunks_mut(side)).for_each(|(rows, row)| rows.push(row));
         }
+        tiles.into_par_iter().enumerate().for_each(|(column, mut rows)| {
+            let x0 = column as u32 * TILE_SIDE;
+            let rect = PixelRect { x0, y0, x1: (x0 + TILE_SIDE).min(width), y1 };
+            covered.fetch_add(draw(&shader, rect, &mut rows), Ordering::Relaxed);
+        });
     });
     let has_alpha = look.background[3] < 1.0;
     Picture { width, height, pixels, depth: None, covered: covered.into_inner(), has_alpha }

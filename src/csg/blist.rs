@@ -10,7 +10,8 @@
 //! The paper finds each match by climbing from the leaf (quadratic on deep trees); here one pass from the root down hands
 //! every node its two continuations, where to go on when it is true and when false, so that conversion is linear. For
 //! `a ∪ b`, `a` goes on to the parent's *true*, or else to the first literal of `b`; `b` inherits both.
-//! The reordering that makes trees left-heavy and the reuse of IDs are for stencil bits; a jump here is a plain index.
+//! A jump here is a plain index; where many points wait at once and IDs must be few, see
+//! [`status`](super::status) and [`left_heavy`](super::left_heavy).
 //!
 //! *Practice.* Jumps lead forward only, so each entry is visited at most once, and leaves that cannot matter any more are
 //! not asked for: put costly questions behind [`Blist::eval`], not behind `Tree::eval`.

@@ -155,6 +155,81 @@ impl Random {
     }
 }
 
+/// Holds all that walks forward, for one point or many, in two values or three, against the truth table; in every order of
+/// operands.
+fn check_walks(positive: &Positive, truth: u32, leaf_count: u32) {
+    let ordered = [First::Deeper, First::Busier].map(|first| positive.left_heavy(first));
+    let mut scratch = Vec::new();
+    for positive in [positive, &ordered[0], &ordered[1]] {
+        let list = StatusList::from(&positive.blist());
+        assert_eq!(list.modules().len(), positive.literals().count());
+        let all = u64::from(assignments(leaf_count));
+        let points = list.walk(all, &mut scratch, |leaf, asked| {
+            assert_eq!(asked & !all, 0);
+            Points::decided(u64::from(LEAF_TABLES[leaf.0 as usize]))
+        });
+        assert_eq!((points.may_be_in, points.may_be_out), (u64::from(truth), all & !u64::from(truth)));
+        // In three values, up to 64 of all statements at a time.
+        let codes: Vec<u32> = (0..3_u32.pow(leaf_count)).collect();
+        for codes in codes.chunks(64) {
+            let status = |code: u32, leaf: LeafId| [Tri::False, Tri::True, Tri::Unknown][digit(code, leaf.0) as usize];
+            let asked = u64::MAX >> (64 - codes.len());
+            let points = list.walk(asked, &mut scratch, |leaf, _| {
+                let bits =
+                    |value: Tri| (0..codes.len()).map(|i| u64::from(status(codes[i], leaf) != value) << i).sum::<u64>();
+                Points { may_be_in: bits(Tri::False), may_be_out: bits(Tri::True) }
+            });
+            for (i, &code) in codes.iter().enumerate() {
+                assert_eq!(points.get(i as u32), positive.eval_tri(|leaf| status(code, leaf)));
+            }
+        }
+        // One leaf toggled at a time, through all assignments.
+        let mut walk = Walk::from(positive);
+        let gray = |i: u32| i ^ (i >> 1);
+        assert_eq!(walk.value(), truth & 1 == 1);
+        for i in 1..1 << leaf_count {
+            let toggled = (gray(i) ^ gray(i - 1)).trailing_zeros();
+            assert_eq!(walk.toggle(LeafId(toggled)), truth >> gray(i) & 1 == 1);
+        }
+    }
+}
+
+#[test]
+fn the_least_left_heavy_trees_that_need_so_many_ids() {
+    // All orders of unions and intersections whose left operand is at least as deep as the right one, with their depths.
+    const MOST: u32 = 9;
+    let mut by_count: Vec<Vec<(Rc<Ast>, u32)>> = vec![Vec::new(), vec![(Rc::new(Ast::Leaf(0)), 0)]];
+    let (mut least, mut least_apart) = (vec![u32::MAX; 8], vec![u32::MAX; 8]);
+    for count in 1..=MOST {
+        if count > 1 {
+            let mut trees = Vec::new();
+            for split in 1..count {
+                for (a, a_depth) in &by_count[split as usize] {
+                    for (b, b_depth) in by_count[(count - split) as usize].iter().filter(|(_, depth)| depth <= a_depth)
+                    {
+                        let depth = a_depth.max(b_depth) + 1;
+                        trees.push((Rc::new(Ast::And(a.clone(), b.clone())), depth));
+                        trees.push((Rc::new(Ast::Or(a.clone(), b.clone())), depth));
+                    }
+                }
+            }
+            by_count.push(trees);
+        }
+        for (ast, depth) in &by_count[count as usize] {
+            let positive = ast.tree().positive();
+            assert_eq!(positive.depth(), *depth);
+            let list = StatusList::from(&positive.blist());
+            for (ids, least) in [(list.id_count(), &mut least), (list.id_count_with_ends_apart(), &mut least_apart)] {
+                least[ids as usize] = least[ids as usize].min(count);
+            }
+        }
+    }
+    // (x − 1)², and for y beside the ends' two y² − 2y + 3; the formulas begin where a path has a step to the right.
+    assert_eq!(least[2..=4], [1, 4, 9]);
+    assert_eq!(least_apart[3..=5], [1, 3, 6]);
+    assert!(least[5..].iter().chain(&least_apart[6..]).all(|&count| count == u32::MAX));
+}
+
 #[test]
 fn all_forms_agree_on_all_trees() {
     for leaf_count in 1..=MOST_LEAVES {
@@ -167,6 +242,9 @@ fn all_forms_agree_on_all_trees() {
             assert_eq!(table(leaf_count, |j| positive.eval(|leaf| is_in(j, leaf))), truth, "positive {ast:?}");
             assert_eq!(table(leaf_count, |j| blist.eval(|leaf| is_in(j, leaf))), truth, "blist {ast:?}");
             assert!(positive.literals().map(|literal| literal.leaf.0).eq(0..leaf_count), "leaves keep their order");
+            if leaf_count < MOST_LEAVES {
+                check_walks(&positive, truth, leaf_count);
+            }
         }
     }
 }
@@ -185,6 +263,7 @@ fn all_forms_agree_where_leaves_repeat() {
             assert_eq!(table(NAMES, |j| tree.eval(|leaf| is_in(j, leaf))), truth);
             assert_eq!(table(NAMES, |j| positive.eval(|leaf| is_in(j, leaf))), truth);
             assert_eq!(table(NAMES, |j| positive.blist().eval(|leaf| is_in(j, leaf))), truth);
+            check_walks(&positive, truth, NAMES);
             for own in 0..NAMES {
                 for statuses in (0..3u32.pow(NAMES)).filter(|&code| digit(code, own) == 0) {
                     check_residual(&positive, truth, NAMES, own, statuses);
@@ -335,6 +414,7 @@ fn kleene_and_folding_leave_what_the_unknown_leaves_decide() {
         for ast in trees(Kind::Positive, 0, leaf_count) {
             let truth = ast.truth(&LEAF_TABLES);
             let positive = ast.tree().positive();
+            check_walks(&positive, truth & assignments(leaf_count), leaf_count);
             for code in 0..3u32.pow(leaf_count) {
                 let status = |leaf: LeafId| [Tri::False, Tri::True, Tri::Unknown][digit(code, leaf.0) as usize];
                 // The assignments that the statuses allow.

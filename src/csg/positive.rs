@@ -99,6 +99,11 @@ pub enum Folded {
 }
 
 impl Positive {
+    /// From nodes in post-order, the root last.
+    pub(super) fn from_post_order(nodes: Vec<PositiveNode>) -> Self {
+        Self { nodes }
+    }
+
     /// The nodes in post-order, the root last.
     pub fn nodes(&self) -> &[PositiveNode] {
         &self.nodes
@@ -114,6 +119,18 @@ impl Positive {
     /// The leaves that occur, sorted, each once.
     pub fn leaves(&self) -> Vec<LeafId> {
         sorted_unique(self.literals().map(|literal| literal.leaf).collect())
+    }
+
+    /// How many operators lie above the deepest literal: 0 for a literal.
+    pub fn depth(&self) -> u32 {
+        let mut depths: Vec<u32> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            depths.push(match *node {
+                PositiveNode::Literal(_) => 0,
+                PositiveNode::And(a, b) | PositiveNode::Or(a, b) => depths[a as usize].max(depths[b as usize]) + 1,
+            });
+        }
+        depths[depths.len() - 1]
     }
 
     /// The same expression over other leaves.
