@@ -31,10 +31,13 @@ const OTHER_SCENES: [&str; 6] =
 /// Points on the ball of the noisy scan, and its pictures' size.
 const NOISY_SCAN: (usize, (u32, u32)) = (60_000, (768, 768));
 
+/// Prints one table.
+type Part = fn() -> Result<(), DrawError>;
+
 fn main() -> Result<(), DrawError> {
     let chosen: Vec<String> = std::env::args().skip(1).collect();
     let wanted = |name: &str| chosen.is_empty() || chosen.iter().any(|c| c == name);
-    let parts: [(&str, fn() -> Result<(), DrawError>); 6] = [
+    let parts: [(&str, Part); 6] = [
         ("layers", layers),
         ("pipelines", pipelines),
         ("noise", noise),

@@ -154,8 +154,8 @@ impl Gathered {
         }
         let inked = self.inked.max(ink * self.strength);
         let (fresh, bare) = (self.through * (inked - self.inked), self.through * (1.0 - inked));
-        for c in 0..3 {
-            self.light[c] += fresh * inks.colour[c] + bare * surface[c];
+        for ((light, ink), surface) in self.light.iter_mut().zip(inks.colour).zip(surface) {
+            *light += fresh * ink + bare * surface;
         }
         self.inked = inked;
         self.through *= 1.0 - surface[3];
@@ -221,13 +221,11 @@ fn compose(
         for sample in 0..samples {
             let mut gathered = Gathered::new();
             let mut layer = 0;
-            for index in from..to {
-                let boundary = &tile.boundaries[index];
+            for (boundary, &[r, g, b, a]) in tile.boundaries[from..to].iter().zip(&surfaces[from..to]) {
                 if samples > 1 && boundary.samples >> sample & 1 == 0 {
                     continue;
                 }
                 let (ink, ink_depth) = ink_at(layer, pixel);
-                let [r, g, b, a] = surfaces[index];
                 gathered.add(inks, ink, ink_depth, [a * r, a * g, a * b, a], boundary.depth);
                 layer += 1;
                 if gathered.is_opaque() || layer >= inks.most {

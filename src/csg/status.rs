@@ -274,8 +274,7 @@ mod tests {
         assert_eq!((least.literals().count(), list(&least).id_count()), (4096, 65));
         let least = worst(61, 2);
         assert_eq!((least.literals().count(), list(&least).id_count_with_ends_apart()), (3846, 65));
-        // The paper's bound lies between the two.
-        assert!(3846 <= 3909 && 3909 < 4096);
+        // The paper's bound, 3909 leaves, lies between the two.
         // The busier operand first: a handful.
         for worst in [worst(63, 0), worst(61, 2)] {
             let levels = worst.literals().count().ilog2();
