@@ -26,14 +26,13 @@ use super::settings::{Clip, Partners, SplatSettings};
 use super::settle::{Owner, Patch, Settled};
 use super::surface::{self, Run, Scratch, SideCache, Tile};
 use crate::classify::partners::{Among, PartnerLists};
-use crate::classify::{Class, Drawn, LeafField, Model};
+use crate::classify::{Class, Drawn, Model};
 use crate::crossings::CrossingSource;
 use crate::csg::LeafId;
 use crate::csg::residual::Crossing;
 use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerTile, SampleMerger, TILE_SIDE, sample_offsets};
 use crate::scene::LeafKind;
 use crate::space::{Camera, PixelRect};
-use crate::surfel::Chunk;
 
 /// Pixels of a block.
 const BLOCK_AREA: usize = (BLOCK * BLOCK) as usize;
@@ -49,8 +48,6 @@ pub struct Frame<'a> {
     settings: SplatSettings,
     /// Where the settings ask for partners.
     clipping: Option<Clipping<'a>>,
-    /// By leaf: whether it is closed and every ray begins outside of it.
-    begins_outside: Vec<bool>,
     /// Finds the leaves that have no surfels.
     source: Option<Box<dyn CrossingSource + 'a>>,
 }
@@ -69,9 +66,8 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let bins = Bins::new(model, &view, margin_px(settings));
-        let begins_outside = model.fields.iter().map(|field| begins_outside(field, &view)).collect();
         let (level, clipping, source) = (Level::new(), None, None);
-        let mut frame = Self { model, view, limit, samples, bins, level, settings, clipping, begins_outside, source };
+        let mut frame = Self { model, view, limit, samples, bins, level, settings, clipping, source };
         frame.clipping = settings.partners_among().map(|among| {
             let lists = match (settings.partners, partners) {
                 (Partners::ObjectSpace, Some(kept)) if kept.serve(model, among) => Cow::Borrowed(kept),
@@ -164,7 +160,6 @@ impl<'a> Frame<'a> {
             surfels,
             limit: self.limit,
             clipper: None,
-            begins_outside: &self.begins_outside,
         };
         (tile, leaves)
     }
@@ -256,15 +251,6 @@ impl<'a> Frame<'a> {
         let bounds = self.view.rough_bounds(&sight, radius)?;
         Some((bounds.from_corner(rect), (sight.centre.z - f64::from(radius) - anchor) as f32))
     }
-}
-
-/// Whether a leaf is closed and lies in front of the eye, so that rays begin outside of it.
-fn begins_outside(field: &LeafField, view: &View) -> bool {
-    let is_ahead = |chunk: &Chunk| {
-        let centre = view.point(chunk.origin + chunk.centre.as_dvec3());
-        centre.z > f64::from(chunk.extent) + f64::from(chunk.largest_radius)
-    };
-    field.has_steady_sides() && field.cloud.chunks.iter().all(is_ahead)
 }
 
 /// One tile being drawn.

@@ -36,7 +36,7 @@ pub const LANES: usize = 8;
 const LEAST_WEIGHT: f32 = 1e-12;
 
 /// A hit may lie this many radii from where its group's candidates were.
-pub const FARTHEST_SOLVE_IN_RADII: f32 = 4.0;
+const FARTHEST_SOLVE_IN_RADII: f32 = 4.0;
 
 /// Eight rays of one row of a tile.
 #[derive(Clone, Copy)]
@@ -102,15 +102,6 @@ impl<S: Simd> Row<S> {
             nd: dx * s.normal[0] + (s.normal[1] * dy + s.normal[2]),
             a2: (dx * md_x + md_y * dy + md_z) * 0.5,
         }
-    }
-
-    /// Whether rays meet a surface of `normal`, of any length, at a grazing angle.
-    #[inline(always)]
-    pub fn is_grazing(&self, normal: &[f32x8<S>; 3]) -> mask32x8<S> {
-        let along = normal[0] * self.dir_x + normal[1] * self.dir_y + normal[2];
-        let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-        let ray = self.dir_x * self.dir_x + (self.dir_y * self.dir_y + 1.0);
-        !(along * along).simd_gt(length * ray * GRAZING_COSINE_SQUARED)
     }
 
     /// |e|²/r² (or eᵀSe) for e given by components.
@@ -380,7 +371,10 @@ pub fn solve<S: Simd>(
     let solved = lanes & square.simd_ge(0.0) & sign_right & near & weight.simd_gt(LEAST_WEIGHT);
     // A ray that misses passes the surface at a grazing angle: that is a silhouette, and the group is dropped. A steep ray
     // that has no solution meets a surface whose surfels disagree (noise, a crease): it keeps its nearest surfel's hit.
-    let steep = !row.is_grazing(&normal) | weight.simd_le(LEAST_WEIGHT);
+    let along = normal[0] * row.dir_x + normal[1] * row.dir_y + normal[2];
+    let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+    let ray = row.dir_x * row.dir_x + (row.dir_y * row.dir_y + 1.0);
+    let steep = (along * along).simd_gt(length * ray * GRAZING_COSINE_SQUARED) | weight.simd_le(LEAST_WEIGHT);
     let kept = lanes & !solved & steep & slot.best_weight.simd_gt(SURE_WEIGHT);
     lanes = solved | kept;
     let tau = solved.select(tau, zero);

@@ -56,8 +56,6 @@ pub struct Tile<'a> {
     pub limit: LayerLimit,
     /// Where partners are asked instead of the field.
     pub clipper: Option<Clipper<'a>>,
-    /// By leaf: whether it is closed and every ray begins outside of it.
-    pub begins_outside: &'a [bool],
 }
 
 /// The surfels of one leaf that may touch one block: positions in [`Tile::surfels`], those that rays can enter first.
@@ -166,47 +164,6 @@ impl SideCache {
 /// A bit for each lane.
 const ALL_LANES: u64 = (1 << LANES) - 1;
 
-/// Where rays nearly met the near side of a silhouette.
-///
-/// A ray that begins outside of a closed leaf cannot leave it without having entered it. Where it seems to, grazing the surface or
-/// beside a surface that has surfels but no solution, it passes by a silhouette: the ray misses the near side, and under noise
-/// the far side may have a solution all the same, with nothing in front to hide it. Seen steeply a far side alone is the
-/// inside of a scan behind one of its holes, and stays.
-struct Missed<S: Simd> {
-    /// Rays that missed a surface that enters the leaf.
-    lanes: mask32x8<S>,
-    /// Rays that entered the leaf.
-    entered: mask32x8<S>,
-    /// Where the miss was, and how large the surfels are there.
-    depth: f32x8<S>,
-    radius: f32x8<S>,
-}
-
-impl<S: Simd> Missed<S> {
-    fn none(simd: S) -> Self {
-        let (lanes, zero) = (mask32x8::splat(simd, false), f32x8::splat(simd, 0.0));
-        Self { lanes, entered: lanes, depth: zero, radius: zero }
-    }
-
-    /// Notes which of the `wanted` rays met the surface of `slot`, which enters the leaf.
-    #[inline(always)]
-    fn note(&mut self, slot: &Slot<S>, wanted: mask32x8<S>, met: mask32x8<S>) {
-        let missed = wanted & !met;
-        self.entered |= met;
-        self.lanes |= missed;
-        self.depth = missed.select(slot.best_depth, self.depth);
-        self.radius = missed.select(slot.best_radius, self.radius);
-    }
-
-    /// The rays that leave the leaf as `solution` says without having entered it, at a silhouette.
-    #[inline(always)]
-    fn passes_by(&self, row: &Row<S>, solution: &rows::Solution<S>) -> mask32x8<S> {
-        let reach = self.radius * rows::FARTHEST_SOLVE_IN_RADII;
-        let is_beside = self.lanes & (solution.t - self.depth).abs().simd_lt(reach);
-        (is_beside | row.is_grazing(&solution.normal)) & !self.entered
-    }
-}
-
 /// Where a row is traced: first column and row, tile-relative, and the place within the pixel.
 pub type At = (u32, u32, DVec2);
 
@@ -248,7 +205,6 @@ pub fn trace_row<S: Simd>(
         let (entering, leaving) = run.members.split_at(run.entering);
         let mut touching = std::mem::take(&mut scratch.touching);
         touching.clear();
-        let mut missed = Missed::none(simd);
         for (front, members) in [(true, entering), (false, leaving)] {
             let before = touching.len();
             let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
@@ -263,7 +219,6 @@ pub fn trace_row<S: Simd>(
                     run,
                     &touching,
                     slot,
-                    &mut missed,
                     nearest_only,
                     &mut hidden_from,
                     at,
@@ -326,7 +281,6 @@ fn resolve<S: Simd>(
     run: &Run<'_>,
     touching: &[u32],
     slot: &Slot<S>,
-    missed: &mut Missed<S>,
     nearest_only: bool,
     hidden_from: &mut f32x8<S>,
     at: At,
@@ -372,13 +326,7 @@ fn resolve<S: Simd>(
         let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching);
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
-        let mut met = solution.lanes & ahead;
-        if slot.front {
-            missed.note(slot, visible, solution.lanes);
-        } else if tile.begins_outside[run.leaf.0 as usize] {
-            met &= !missed.passes_by(row, &solution);
-        }
-        lanes = met.to_bitmask();
+        lanes = (solution.lanes & ahead).to_bitmask();
         t = solution.t.into();
         let [nx, ny, nz]: [[f32; LANES]; 3] = solution.normal.map(Into::into);
         let [r, g, b]: [[f32; LANES]; 3] = solution.colour.map(Into::into);
