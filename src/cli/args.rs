@@ -149,10 +149,12 @@ impl FromArgMatches for Operands {
 /// What draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Pipeline {
-    /// Every leaf in its own form: points as surfels, meshes by their triangles, solids by their formulas; with a flag of the
-    /// surfels as `splat`
+    /// `mesh` where every leaf is a mesh or a solid; with points `splat`, which draws fastest, or `hybrid` where a leaf says what
+    /// it is drawn as
     #[default]
     Auto,
+    /// Every leaf in its own form: points as surfels, meshes by their triangles, solids by their formulas
+    Hybrid,
     /// Every leaf is found by surfels; meshes and solids are asked exactly
     Splat,
     /// Meshes triangle by triangle and solids exactly; cannot draw points

@@ -51,8 +51,12 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
-    let frame = frame_args(&args.view, &loaded, &style, wants_layers);
+    // Maps show every layer, whatever the style draws.
+    let frame = frame_args(&args.view, &loaded, &style, wants_layers || args.style.dump_maps.is_some());
     describe(args, &camera, frame, &style, &loaded, &mut report);
+    if let Some(folder) = &args.style.dump_maps {
+        maps_folder(folder, session)?;
+    }
     let contents = contents(&args.view.merge, &camera)?;
     let told = report.warnings.len();
     let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
@@ -79,10 +83,6 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
     }
 
-    if let Some(folder) = &args.style.dump_maps {
-        report.phase("maps", || drawing.dump_maps(&camera, folder, session))?;
-    }
-
     report.count("leaves", loaded.scene.leaves.len() as u64);
     report.count("pixels_covered", picture.covered);
     if picture.is_empty() {
@@ -98,6 +98,9 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         files.write(*format, destination, session.overwrite())?;
         report.add_phase("write", watch.times());
         session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
+    }
+    if let Some(folder) = &args.style.dump_maps {
+        report.phase("maps", || drawing.dump_maps(&camera, folder, session))?;
     }
     left_out_text(&report).into_iter().for_each(|text| session.tell(&text));
     session.tell(&times_text(&report));
@@ -145,6 +148,16 @@ impl Files<'_> {
             _ => png::write(picture, &self.info, destination, overwrite),
         }
     }
+}
+
+/// Makes the folder for maps; refuses one with pictures in it that may not be replaced.
+fn maps_folder(folder: &Path, session: &Session) -> anyhow::Result<()> {
+    let unusable = || format!("{}: no folder can be made there", folder.display());
+    std::fs::create_dir_all(folder).with_context(unusable)?;
+    let mut files = std::fs::read_dir(folder).with_context(unusable)?.filter_map(Result::ok).map(|entry| entry.path());
+    let picture = files.find(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")));
+    // Which layers there are is not known before they are drawn: any picture might be one of them.
+    picture.map_or(Ok(()), |path| Ok(Destination::from(path.as_path()).check(session.overwrite())?))
 }
 
 /// Whether any leaf is points, whose relief ambient shade brings out.
@@ -263,11 +276,8 @@ impl Drawing<'_> {
     pub fn dump_maps(&self, camera: &Camera, folder: &Path, session: &Session) -> anyhow::Result<()> {
         let source = self.engine.frame(camera)?;
         let maps = maps(&*source, &self.look, &self.style, self.leaves);
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: no folder can be made there", folder.display()))?;
         let destinations: Vec<Destination> =
             maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
-        destinations.iter().try_for_each(|destination| destination.check(session.overwrite()))?;
         for (map, destination) in maps.into_iter().zip(&destinations) {
             let picture = RgbImage::from_raw(map.width, map.height, map.rgb).expect("a map has three bytes a pixel");
             png::write_rgb(&picture, destination, session.overwrite())?;

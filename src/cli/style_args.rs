@@ -30,6 +30,9 @@ pub struct StyleArgs {
     /// Surfaces that meet at more than this angle have a line there
     #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Style")]
     pub crease: Option<f32>,
+    /// Surfaces further apart than this many footprints of a pixel have a line between them
+    #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Style")]
+    pub jump: Option<f64>,
     /// Lines that a nearer layer hides: solid, dashed or dotted
     #[arg(long, value_name = "LINE", value_parser = clap::builder::PossibleValuesParser::new(HIDDEN_LINES.map(|(name, _)| name)), help_heading = "Style")]
     pub hidden: Option<String>,
@@ -62,6 +65,7 @@ impl StyleArgs {
         style.occlusion = self.occlusion.or(style.occlusion);
         style.lines.width_px = self.line_width.unwrap_or(style.lines.width_px);
         style.lines.crease_degrees = self.crease.unwrap_or(style.lines.crease_degrees);
+        style.lines.jump_px = self.jump.map_or(style.lines.jump_px, |jump| jump as f32);
         if let Some((_, dash)) = self.hidden.as_ref().and_then(|hidden| HIDDEN_LINES.iter().find(|l| l.0 == hidden)) {
             style.lines.hidden_dash_px = *dash;
         }

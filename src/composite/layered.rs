@@ -1,4 +1,4 @@
-//! The styles that draw every layer with its lines: blueprint, wireframe and edge-enhanced transparency.
+//! Every layer under its lines: blueprint, wireframe, edge-enhanced transparency, and what else has lines or shade.
 //!
 //! *Theory.* Blueprint CSG §5.3 and §5.4: the layers are blended in depth order, each with its edge map. In a blueprint the
 //! edge intensity is the alpha, of one colour; a wireframe leaves out what is no edge; edge-enhanced transparency multiplies
@@ -11,11 +11,15 @@
 //! The lines of two layers are taken to cover the same part of a pixel, as far as they go: an outline is an edge of every
 //! layer that ends at it, and blending it so many times over would make it wider and its borders hard.
 //!
+//! Shaded and transparent pictures come here too where something is drawn over or into them that needs neighbours: the
+//! outlines of sections, and the shade of `occlusion`.
+//!
 //! *Practice.* With several samples a pixel, each sample's layers are counted and blended on their own; lines are a pixel's.
 //! The picture's depth is that of the nearest thing that shows: a surface that is not quite clear, or ink that covers half
 //! of the pixel.
 
 use super::Look;
+use super::occlusion::Shade;
 use super::picture::Picture;
 use super::shaded::Shader;
 use super::strip::{Strip, for_each_strip};
@@ -45,8 +49,10 @@ pub(super) fn layered(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let shader = Shader::new(&look.light, source.camera());
-    let inks = Inks::new(style);
+    let inks = Inks::new(style, look.background);
     let samples = source.samples();
+    let shade = style.occlusion.filter(|strength| style.kind == StyleKind::Shaded && *strength > 0.0);
+    let shade = shade.map(|strength| Shade::new(source.camera(), strength.min(1.0)));
     from_strips(
         source,
         look,
@@ -54,7 +60,15 @@ pub(super) fn layered(
         heavy,
         on_tile,
         |_| (),
-        |strip, (), index| compose(&strip.tiles[index], &strip.lines[index], samples, &shader, &inks, look.background),
+        |strip, (), index| {
+            let tile = &strip.tiles[index];
+            let lines = strip.lines(index, tile.rect, false);
+            let mut surfaces = inks.surfaces(tile, &shader);
+            if let Some(shade) = &shade {
+                shade.darken(strip, index, &mut surfaces);
+            }
+            compose(tile, &lines, &surfaces, samples, &inks, look.background)
+        },
     )
 }
 
@@ -103,10 +117,11 @@ pub(super) struct Inks {
 }
 
 impl Inks {
-    pub fn new(style: &Style) -> Self {
+    /// The inks of `style` on paper of the colour `background`.
+    pub fn new(style: &Style, background: [f32; 4]) -> Self {
         let tints = matches!(style.kind, StyleKind::Blueprint | StyleKind::Wireframe);
         let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
-        Self { colour: style.ink(), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints, most }
+        Self { colour: style.ink(background), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints, most }
     }
 
     /// The colours of the surfaces of each tile of `strip`.
@@ -196,8 +211,8 @@ impl Gathered {
 fn compose(
     tile: &LayerTile,
     lines: &LineMaps,
+    surfaces: &[[f32; 4]],
     samples: u32,
-    shader: &Shader,
     inks: &Inks,
     background: [f32; 4],
 ) -> Composed {
@@ -207,7 +222,6 @@ fn compose(
     if tile.boundaries.is_empty() && lines.len() == 0 {
         return Composed { pixels, depth, covered };
     }
-    let surfaces = inks.surfaces(tile, shader);
     let ink_at = |layer: usize, pixel: usize| {
         lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]))
     };

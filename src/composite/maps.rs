@@ -3,11 +3,12 @@
 
 use glam::{Vec2, Vec3};
 
+use super::facets::central_sample;
 use super::layered::Inks;
-use super::recolour::Recoloured;
 use super::shaded::Shader;
 use super::sketchy::{Hand, Window};
 use super::strip::for_each_strip;
+use super::styled::prepared;
 use super::{Leaves, Look};
 use crate::layers::LayerSource;
 use crate::scene::colour::srgb_byte_from_linear;
@@ -51,29 +52,37 @@ const EMPTY: [u8; 3] = [255; 3];
 pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {
     // Surfaces are shown whole, whatever their opacity in the style.
     let whole = Style { kind: StyleKind::EdgeTransparent, opacity: 1.0, ..*style };
-    let recoloured = Recoloured::new(source, &whole, leaves.colours);
+    prepared(source, &whole, leaves, |source| maps_of(source, look, style, &whole, leaves))
+}
+
+/// The maps of `source`, whose colours are those of the style `whole`.
+fn maps_of(source: &dyn LayerSource, look: &Look, style: &Style, whole: &Style, leaves: Leaves) -> Vec<Map> {
     let camera = source.camera();
     let (width, height) = (camera.width, camera.height);
     let area = width as usize * height as usize;
     // Lines are found in any style.
-    let lined = if style.kind.has_lines() { *style } else { whole };
+    let lined = if style.kind.has_lines() { *style } else { *whole };
     let hand = (style.kind == StyleKind::Sketchy).then(|| Hand::new(&style.sketch));
     let shader = Shader::new(&look.light, camera);
-    let inks = Inks::new(&whole);
+    let inks = Inks::new(whole, look.background);
     let samples = source.samples();
+    let sample = central_sample(samples);
     let mut layers: Vec<OfLayer> = Vec::new();
     let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
-    for_each_strip(&recoloured, &lined, leaves.heavy, &|| (), |strip| {
+    for_each_strip(source, &lined, leaves.heavy, &|| (), |strip| {
         let surfaces = inks.of_strip(strip, &shader);
         for index in strip.own.clone() {
-            let (tile, lines) = (&strip.tiles[index], &strip.lines[index]);
+            let tile = &strip.tiles[index];
             let rect = tile.rect;
+            let lines = strip.lines(index, rect, true);
             let place = |pixel: usize| {
                 let (x, y) = (rect.x0 + pixel as u32 % rect.width(), rect.y0 + pixel as u32 / rect.width());
                 (y * width + x) as usize
             };
-            let longest = tile.offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0);
+            // A sketch looks into the tiles around too.
+            let around = strip.around(index).flat_map(|near| strip.tiles[near].offsets.windows(2));
+            let longest = around.map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0);
             let count = longest.max(lines.len()).min(inks.most);
             for number in layers.len()..count {
                 layers.push(OfLayer::new(number, area, hand.is_some()));
@@ -82,7 +91,8 @@ pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves
             for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
                 let at = place(pixel);
                 let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
-                for (layer, index) in of_pixel.filter(|&i| tile.boundaries[i].samples & 1 == 1).take(count).enumerate()
+                for (layer, index) in
+                    of_pixel.filter(|&i| tile.boundaries[i].samples >> sample & 1 == 1).take(count).enumerate()
                 {
                     let boundary = &tile.boundaries[index];
                     let normal = Vec3::from(view_axes.map(|axis| axis.dot(boundary.normal)));
@@ -98,7 +108,7 @@ pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves
                 }
             }
             let (Some(hand), Some(noise)) = (&hand, &mut noise) else { continue };
-            let window = Window::new(strip, index, hand.reach_px(), samples, &surfaces, inks.most);
+            let window = Window::new(strip, index, hand.reach_px(), samples, &surfaces, inks.most, true);
             for (pixel, &[edge, shade]) in hand.offsets(rect).iter().enumerate() {
                 let (at, middle) = (
                     place(pixel),

@@ -24,9 +24,8 @@ impl<'a> Recoloured<'a> {
             StyleKind::Blueprint => style.tint,
             StyleKind::Wireframe => 0.0,
         };
-        // An opaque picture has no second layer to leave out, and lines are found with the layers behind the last one drawn:
-        // a front's outline is where its back ends too.
-        let max_layers = style.max_layers.filter(|_| style.kind == StyleKind::Transparent);
+        // Lines are found with the layers behind the last one drawn: a front's outline is where its back ends too.
+        let max_layers = style.max_layers.filter(|_| !style.kind.has_lines());
         Self { source, opacity, cut: style.cut_colour, leaf_colours, max_layers }
     }
 

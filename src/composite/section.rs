@@ -106,7 +106,8 @@ impl Hatching {
         bodies.sort_unstable();
         bodies.dedup();
         let colours = leaves.map(|leaf| loaded.colour(leaf)).collect();
-        Self::new(sections, &bodies, f64::from(style.lines.width_px), style.ink(), colours)
+        let ink = style.ink(loaded.scene.background_for(style));
+        Self::new(sections, &bodies, f64::from(style.lines.width_px), ink, colours)
     }
 
     /// Whether there is nothing to hatch.

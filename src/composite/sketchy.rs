@@ -37,7 +37,7 @@ pub(super) fn sketchy(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let shader = Shader::new(&look.light, source.camera());
-    let inks = Inks::new(style);
+    let inks = Inks::new(style, look.background);
     let samples = source.samples();
     let hand = Hand::new(&style.sketch);
     // A tile's surfaces are looked up from the tiles around it too.
@@ -46,11 +46,10 @@ pub(super) fn sketchy(
         let rect = strip.tiles[index].rect;
         let area = rect.area();
         let covered = strip.tiles[index].offsets.windows(2).filter(|w| w[0] < w[1]).count() as u64;
-        let empty = |tile: usize| strip.tiles[tile].boundaries.is_empty() && strip.lines[tile].len() == 0;
-        if strip.around(index).all(empty) {
+        if strip.around(index).all(|tile| strip.is_empty(tile)) {
             return Composed { pixels: vec![look.background; area], depth: vec![f32::INFINITY; area], covered };
         }
-        let window = Window::new(strip, index, hand.reach_px(), samples, surfaces, inks.most);
+        let window = Window::new(strip, index, hand.reach_px(), samples, surfaces, inks.most, false);
         let offsets = hand.offsets(rect);
         let (mut pixels, mut depth) = (Vec::with_capacity(area), Vec::with_capacity(area));
         for (pixel, &[edge, shade]) in offsets.iter().enumerate() {
@@ -192,7 +191,16 @@ impl Tap {
 impl Window {
     /// Around tile `index`, `reach` pixels in each direction; `surfaces` are those of all tiles of the strip, `most` layers of
     /// them.
-    pub fn new(strip: &Strip, index: usize, reach: u32, samples: u32, surfaces: &[Vec<[f32; 4]>], most: usize) -> Self {
+    /// `repeated` says in which layers lines are.
+    pub fn new(
+        strip: &Strip,
+        index: usize,
+        reach: u32,
+        samples: u32,
+        surfaces: &[Vec<[f32; 4]>],
+        most: usize,
+        repeated: bool,
+    ) -> Self {
         let rect = strip.tiles[index].rect;
         // One more for the second of two pixels that a lookup lies between.
         let reach = reach as i32 + 1;
@@ -201,7 +209,7 @@ impl Window {
         let down = (rect.height() as i32 + 2 * reach) as usize;
         let mut window = Self { x0, y0, across, layers: Vec::new() };
         for near in strip.around(index) {
-            let (tile, lines) = (&strip.tiles[near], &strip.lines[near]);
+            let tile = &strip.tiles[near];
             let clip = |at: u32, low: i32, len: usize| (at as i32).clamp(low, low + len as i32) as u32;
             let (cx0, cx1) = (clip(tile.rect.x0, x0.max(0), across), clip(tile.rect.x1, x0, across));
             let (cy0, cy1) = (clip(tile.rect.y0, y0.max(0), down), clip(tile.rect.y1, y0, down));
@@ -234,15 +242,27 @@ impl Window {
                             *layer += 1;
                         }
                     }
-                    for layer in 0..lines.len() {
-                        let Some(map) = lines.layer(layer) else { continue };
-                        if map.ink[pixel] > 0.0 {
-                            let of_layer = window.layer(layer, down);
-                            of_layer.ink[place] = map.ink[pixel];
-                            of_layer.depth[place] = of_layer.depth[place].min(map.depth[pixel]);
-                        }
-                    }
                 }
+            }
+        }
+        // Lines of all tiles around, over the part of the window that the picture has.
+        let near: Vec<PixelRect> = strip.around(index).map(|near| strip.tiles[near].rect).collect();
+        let (first, last) = (near[0], near[near.len() - 1]);
+        let seen = PixelRect {
+            x0: first.x0.max(x0.max(0) as u32),
+            y0: first.y0.max(y0.max(0) as u32),
+            x1: last.x1.min((x0 + across as i32) as u32),
+            y1: last.y1.min((y0 + down as i32) as u32),
+        };
+        let lines = strip.lines(index, seen, repeated);
+        for layer in 0..lines.len() {
+            let Some(map) = lines.layer(layer) else { continue };
+            let of_layer = window.layer(layer, down);
+            for (pixel, &ink) in map.ink.iter().enumerate().filter(|(_, ink)| **ink > 0.0) {
+                let (x, y) = (seen.x0 + pixel as u32 % seen.width(), seen.y0 + pixel as u32 / seen.width());
+                let place = (y as i32 - y0) as usize * across + (x as i32 - x0) as usize;
+                of_layer.ink[place] = ink;
+                of_layer.depth[place] = of_layer.depth[place].min(map.depth[pixel]);
             }
         }
         window

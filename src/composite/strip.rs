@@ -19,7 +19,7 @@ const STRIP_PIXELS: usize = 1 << 20;
 // Whatever a pixel looks at lies in its tile or in one beside it.
 const _: () = assert!(SketchSettings::MOST_OFFSET_PX * std::f32::consts::SQRT_2 + WIDEST_LINE_PX < TILE_SIDE as f32);
 
-/// Some rows of tiles, drawn, with their lines.
+/// Some rows of tiles, drawn, with the strokes of their lines.
 #[derive(Debug)]
 pub(super) struct Strip {
     /// Tiles side by side.
@@ -28,14 +28,31 @@ pub(super) struct Strip {
     pub own: std::ops::Range<usize>,
     /// Row by row.
     pub tiles: Vec<LayerTile>,
-    /// The lines of each tile; none in styles without lines.
-    pub lines: Vec<LineMaps>,
+    /// The strokes of each tile; none in styles without lines.
+    strokes: Vec<Vec<Stroke>>,
+    settings: LineSettings,
+    most: usize,
 }
 
 impl Strip {
     /// The tiles beside tile `index`, itself among them.
     pub fn around(&self, index: usize) -> impl Iterator<Item = usize> {
         around(index, self.across, self.tiles.len())
+    }
+
+    /// Whether tile `index` has neither surfaces nor lines of its own.
+    pub fn is_empty(&self, index: usize) -> bool {
+        self.tiles[index].boundaries.is_empty() && self.strokes.get(index).is_none_or(Vec::is_empty)
+    }
+
+    /// The lines over `rect`, which lies within the tiles around tile `index`. Maps of deep scenes are large, so they are made
+    /// for a tile at a time.
+    ///
+    /// `repeated` lines are drawn in every layer whose picture changes there, as the papers' edge maps have them. Blended front
+    /// to back, one over the other covers nothing more, so pictures need each line once.
+    pub fn lines(&self, index: usize, rect: PixelRect, repeated: bool) -> LineMaps {
+        let strokes = self.around(index).filter_map(|near| self.strokes.get(near)).flatten();
+        LineMaps::draw(rect, strokes, self.most, repeated, &self.settings)
     }
 }
 
@@ -80,31 +97,41 @@ pub(super) fn for_each_strip(
         kept.extend(new);
         // 2. Their lines.
         let tiles = std::mem::take(&mut kept);
-        let lines =
-            if style.kind.has_lines() { lines(&tiles, camera, source.samples(), style, heavy) } else { Vec::new() };
+        let settings = LineSettings { width_px: style.lines.width_px.clamp(0.0, WIDEST_LINE_PX), ..style.lines };
+        let is_drawn = |stroke: &Stroke| style.kind.has_lines() || stroke.heavy;
+        let strokes = if style.kind.has_lines() || heavy.contains(&true) {
+            strokes(&tiles, camera, source.samples(), &settings, heavy, &is_drawn)
+        } else {
+            Vec::new()
+        };
         let own = (first - outer_first) * across..(last - outer_first) * across;
-        let strip = Strip { across, own, tiles, lines };
+        let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
+        let strip = Strip { across, own, tiles, strokes, settings, most };
         use_strip(&strip);
         kept = strip.tiles;
     }
 }
 
-fn lines(tiles: &[LayerTile], camera: &Camera, samples: u32, style: &Style, heavy: &[bool]) -> Vec<LineMaps> {
-    let settings = LineSettings { width_px: style.lines.width_px.clamp(0.0, WIDEST_LINE_PX), ..style.lines };
+/// The strokes of each tile that `is_drawn`.
+fn strokes(
+    tiles: &[LayerTile],
+    camera: &Camera,
+    samples: u32,
+    settings: &LineSettings,
+    heavy: &[bool],
+    is_drawn: &(dyn Fn(&Stroke) -> bool + Sync),
+) -> Vec<Vec<Stroke>> {
+    debug_assert!(reach_px(settings) < TILE_SIDE as f32);
     let tiles: Vec<&LayerTile> = tiles.iter().collect();
     let facets = FacetStrip::new(&tiles, camera, samples);
-    let detector = Detector::new(&facets, &settings, heavy);
+    let detector = Detector::new(&facets, settings, heavy);
     let count = facets.len();
     let points = (0..count).into_par_iter().map(|index| detector.tile(index)).collect();
     let edges = EdgeStrip { across: facets.across, rects: (0..count).map(|i| facets.rect(i)).collect(), tiles: points };
-    let strokes: Vec<Vec<Stroke>> = (0..count).into_par_iter().map(|i| edges.strokes(i, &settings)).collect();
-    let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
-    debug_assert!(reach_px(&settings) < TILE_SIDE as f32);
-    (0..count)
-        .into_par_iter()
-        .map(|i| {
-            let near = around(i, facets.across, count).flat_map(|tile| &strokes[tile]);
-            LineMaps::draw(facets.rect(i), near, most, &settings)
-        })
-        .collect()
+    let of_tile = |index| {
+        let mut strokes = edges.strokes(index, settings);
+        strokes.retain(is_drawn);
+        strokes
+    };
+    (0..count).into_par_iter().map(of_tile).collect()
 }

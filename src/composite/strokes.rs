@@ -53,6 +53,8 @@ pub(super) struct Stroke {
     pub until: u16,
     strength: f32,
     width: f32,
+    /// Whether it outlines what is drawn stronger.
+    pub heavy: bool,
 }
 
 /// The edge points of some rows of tiles.
@@ -98,7 +100,8 @@ impl EdgeStrip {
                 let overlaps = |other: &&EdgePoint| other.layer < point.until && point.layer < other.until;
                 let (first, last) = (x.saturating_sub(NEAR_PX), x + NEAR_PX);
                 for row in y.saturating_sub(NEAR_PX)..=y + NEAR_PX {
-                    if first >= rect.x0 && last < rect.x1 && row >= rect.y0 && row < rect.y1 {
+                    let within = x >= rect.x0 + NEAR_PX && last < rect.x1;
+                    if within && row >= rect.y0 && row < rect.y1 {
                         // The points of a tile's row lie side by side.
                         let pixel = ((row - rect.y0) * rect.width() + (first - rect.x0)) as usize;
                         let of_row =
@@ -174,6 +177,7 @@ fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Opt
             until: point.until,
             strength: point.strength,
             width: settings.width_px * if point.heavy { HEAVY } else { 1.0 },
+            heavy: point.heavy,
         });
     }
     None
@@ -210,11 +214,13 @@ impl LineMaps {
         self.layers.get(layer)?.as_ref()
     }
 
-    /// Draws `strokes` into the tile over `rect`, in layers below `most`.
+    /// Draws `strokes` over `rect`, in layers below `most`: each in its own layer, or, `repeated`, in all layers whose picture
+    /// changes at it.
     pub fn draw<'a>(
         rect: PixelRect,
         strokes: impl Iterator<Item = &'a Stroke>,
         most: usize,
+        repeated: bool,
         settings: &LineSettings,
     ) -> Self {
         let mut maps = Self::default();
@@ -224,7 +230,8 @@ impl LineMaps {
             Vec2::new(rect.x1 as f32 + reach, rect.y1 as f32 + reach),
         );
         for stroke in strokes.filter(|s| s.at.cmpge(low).all() && s.at.cmple(high).all()) {
-            let until = usize::from(stroke.until).min(most);
+            let until = if repeated { stroke.until } else { stroke.layer + 1 };
+            let until = usize::from(until).min(most);
             if maps.layers.len() < until {
                 maps.layers.resize(until, None);
             }

@@ -2,7 +2,6 @@
 
 use super::layered::layered;
 use super::merge::{Contents, compose, surfaces_with};
-use super::occlusion::occluded;
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
 use super::shaded::{Shader, shaded};
@@ -33,13 +32,12 @@ pub fn styled(
 ) -> Picture {
     prepared(source, style, leaves, |source| match style.kind {
         StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
-            occluded(source, look, style, style.occlusion.unwrap_or_default().min(1.0), on_tile)
-        }
-        StyleKind::Shaded | StyleKind::Transparent => shaded(source, look, on_tile),
-        StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
-        StyleKind::Blueprint | StyleKind::Wireframe | StyleKind::EdgeTransparent => {
             layered(source, look, style, leaves.heavy, on_tile)
         }
+        // Sections are outlined in every style.
+        StyleKind::Shaded | StyleKind::Transparent if !leaves.heavy.contains(&true) => shaded(source, look, on_tile),
+        StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
+        _ => layered(source, look, style, leaves.heavy, on_tile),
     })
 }
 
@@ -71,7 +69,12 @@ pub fn styled_with(
 }
 
 /// Calls `draw` with `source` as `style` and `leaves` change it.
-fn prepared<T>(source: &dyn LayerSource, style: &Style, leaves: Leaves, draw: impl FnOnce(&dyn LayerSource) -> T) -> T {
+pub(super) fn prepared<T>(
+    source: &dyn LayerSource,
+    style: &Style,
+    leaves: Leaves,
+    draw: impl FnOnce(&dyn LayerSource) -> T,
+) -> T {
     let recoloured = Recoloured::new(source, style, leaves.colours);
     let source = if recoloured.is_plain() { source } else { &recoloured };
     match leaves.hatching.filter(|hatching| !hatching.is_empty()) {

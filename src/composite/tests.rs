@@ -172,7 +172,7 @@ fn a_layer_is_its_surface_under_its_ink() {
     let mut style = Style::of(StyleKind::EdgeTransparent);
     style.lines.ink = Some([0.2, 0.1, 0.0]);
     style.fade = 0.5;
-    let inks = Inks::new(&style);
+    let inks = Inks::new(&style, WHITE);
     let mut gathered = Gathered::new();
     // Ink over a fifth of a red surface of opacity 0.4, and behind it a whole green one with a line at half strength.
     gathered.add(&inks, 0.2, 1.0, [0.4, 0.0, 0.0, 0.4], 1.0);
@@ -207,24 +207,47 @@ fn the_depth_is_that_of_what_shows() {
 
 #[test]
 fn edges_that_layers_share_coincide_in_a_sketch() {
-    // The outline of a ball is an edge of its front and of its back: with the front left out, the other's is in its place.
-    let camera = camera(Lens::Height(2.4), 200, 200);
-    let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
-    let style = |most| {
-        let mut style = Style { opacity: 0.0, max_layers: Some(most), ..Style::of(StyleKind::Sketchy) };
-        style.lines.ink = Some([0.0; 3]);
-        style
-    };
-    let (one, two) = (drawn(&source, &style(1)), drawn(&source, &style(2)));
-    let mut inked = 0;
-    for y in 0..200 {
-        for x in 0..200 {
-            let (a, b) = (ink(&one, x, y), ink(&two, x, y));
-            assert!((a - b).abs() < 1e-3, "{a} alone, {b} with the second layer");
-            inked += u32::from(a > 0.5);
+    // A ball in front of another: the outline of the nearer is an edge of every layer of the farther behind it too.
+    let camera = camera(Lens::Height(3.2), 200, 200);
+    let towards_eye = (camera.eye - DVec3::ZERO).normalize();
+    let shapes =
+        [Solid::Sphere { centre: towards_eye * 2.0, radius: 0.6 }, Solid::Sphere { centre: DVec3::ZERO, radius: 1.3 }];
+    let leaves = (0..).zip(shapes).map(|(i, solid)| TruthLeaf::new(i, TruthShape::Solid(solid))).collect();
+    let tree = crate::csg::expression::parse("a | b", &mut |name| Some(LeafId(u32::from(name == "b")))).unwrap();
+    let source = Reference::new(leaves, tree, camera, 1, LayerLimit::All).unwrap();
+    let look = Look { light: Light::default(), background: WHITE };
+    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default());
+    let map = |name: &str| &maps.iter().find(|map| map.name == name).unwrap().rgb;
+    let ink = |name: &str, pixel: usize| 255 - map(name)[3 * pixel];
+    let mut moved = 0;
+    for (first, second) in [(1, 2), (1, 3), (3, 4)] {
+        let name = |layer: u32, kind: &str| format!("layer{layer}_{kind}");
+        let mut shared = 0;
+        for pixel in 0..200 * 200 {
+            let (a, b) = (ink(&name(first, "edges"), pixel), ink(&name(second, "edges"), pixel));
+            // Layers 1 and 2 have both outlines, 3 and 4 the nearer ball's alone where it hides the farther.
+            if (first, second) == (1, 2) {
+                assert_eq!(a, b, "pixel {pixel} of layers {first} and {second}");
+                let (a, b) = (ink(&name(1, "perturbed_edges"), pixel), ink(&name(2, "perturbed_edges"), pixel));
+                assert_eq!(a, b, "pixel {pixel} of the perturbed layers");
+            }
+            shared += u32::from(a.min(b) > 128);
+            moved += u32::from(a > 128 && ink(&name(first, "perturbed_edges"), pixel) < 64);
         }
+        assert!(shared > 100, "{shared} pixels of line in layers {first} and {second} both");
+        // Where the perturbed lines of either are in what both share, so are the other's, to a pixel.
+        let near = |name: &str, pixel: usize| {
+            let (x, y) = (pixel as i32 % 200, pixel as i32 / 200);
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            around
+                .filter(|(x, y)| (0..200).contains(x) && (0..200).contains(y))
+                .any(|(x, y)| ink(name, (y * 200 + x) as usize) > 64)
+        };
+        let perturbed = (0..200 * 200).filter(|&pixel| ink(&name(second, "perturbed_edges"), pixel) > 128);
+        let apart = perturbed.filter(|&pixel| !near(&name(first, "perturbed_edges"), pixel)).count();
+        assert_eq!(apart, 0, "pixels of layer {second}'s perturbed lines have none of layer {first}'s beside them");
     }
-    assert!(inked > 300, "{inked} pixels of line");
+    assert!(moved > 100, "the hand moves lines: {moved} pixels");
 }
 
 #[test]
@@ -324,4 +347,31 @@ fn maps_show_each_layer_and_what_a_sketch_makes_of_it() {
     assert_eq!(at("layer1_edges", 50, 50), [255; 3]);
     assert!((0..100).any(|x| at("layer1_edges", x, 50)[0] < 100));
     assert_eq!(at("layer1_depth", 0, 0), [255; 3]);
+}
+
+#[test]
+fn pictures_of_any_width_are_drawn() {
+    // Narrower than what a line's points are smoothed over, and just wider than a tile.
+    for width in [1, 2, 3, 4, 5, 6, 7, 8, 65, 66] {
+        let camera = camera(Lens::Height(2.0), width, 30);
+        let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 0.9 }, DQuat::IDENTITY, camera);
+        for kind in StyleKind::ALL {
+            let picture = drawn(&source, &Style { occlusion: Some(0.5), ..Style::of(kind) });
+            assert_eq!(picture.pixels.len(), 30 * width as usize);
+            assert!(picture.pixels.iter().flatten().all(|value| value.is_finite()), "{} at {width}", kind.name());
+        }
+    }
+}
+
+#[test]
+fn what_is_clear_casts_and_gets_no_shade() {
+    let camera = camera(Lens::Height(3.0), 90, 90);
+    let shapes =
+        [Solid::Sphere { centre: DVec3::X * 0.4, radius: 0.8 }, Solid::Sphere { centre: DVec3::X * -0.4, radius: 0.8 }];
+    let leaf = |i: u32, solid| TruthLeaf { opacity: 0.0, ..TruthLeaf::new(i, TruthShape::Solid(solid)) };
+    let leaves: Vec<TruthLeaf> = (0..).zip(shapes).map(|(i, solid)| leaf(i, solid)).collect();
+    let tree = crate::csg::expression::parse("a | b", &mut |name| Some(LeafId(u32::from(name == "b")))).unwrap();
+    let source = Reference::new(leaves, tree, camera, 1, LayerLimit::All).unwrap();
+    let picture = drawn(&source, &Style { occlusion: Some(1.0), ..Style::default() });
+    assert!(picture.pixels.iter().all(|pixel| *pixel == WHITE));
 }

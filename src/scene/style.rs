@@ -127,6 +127,9 @@ impl Default for SketchSettings {
 /// How dark the hollows of a shaded scan are.
 pub const SCAN_OCCLUSION: f32 = 0.6;
 
+/// The blue of cyanotypes.
+const CYANOTYPE: [u8; 3] = [22, 58, 112];
+
 /// A style with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
@@ -174,23 +177,26 @@ impl Style {
 
     /// The paper that the style is drawn on where the user names no background; linear RGB and alpha.
     pub fn paper(&self) -> Option<[f32; 4]> {
-        /// The blue of cyanotypes.
-        const BLUE: [u8; 3] = [22, 58, 112];
         let [r, g, b] = match self.kind {
-            StyleKind::Blueprint => linear_from_bytes(BLUE),
+            StyleKind::Blueprint => linear_from_bytes(CYANOTYPE),
             StyleKind::Wireframe => [1.0; 3],
             _ => return None,
         };
         Some([r, g, b, 1.0])
     }
 
-    /// The colour of lines; linear RGB.
-    pub fn ink(&self) -> [f32; 3] {
+    /// The colour of lines on paper of the colour `background`; linear RGB.
+    pub fn ink(&self, background: [f32; 4]) -> [f32; 3] {
         const CHALK: [u8; 3] = [226, 238, 250];
         const GRAPHITE: [u8; 3] = [28, 30, 36];
-        self.lines
-            .ink
-            .unwrap_or_else(|| linear_from_bytes(if self.kind == StyleKind::Blueprint { CHALK } else { GRAPHITE }))
+        let [r, g, b, alpha] = background;
+        // Luminance (Rec. 709); what shows through a clear background is not known, and mostly white.
+        let is_dark = alpha > 0.5 && 0.2126 * r + 0.7152 * g + 0.0722 * b < 0.18;
+        self.lines.ink.unwrap_or_else(|| match (is_dark, self.kind) {
+            (true, _) => linear_from_bytes(CHALK),
+            (false, StyleKind::Blueprint) => linear_from_bytes(CYANOTYPE),
+            (false, _) => linear_from_bytes(GRAPHITE),
+        })
     }
 
     /// The style in a scene that `has_points`, or has none: how dark hollows are by default depends on it.

@@ -32,7 +32,7 @@ impl Way {
     fn of(self, loaded: &LoadedScene) -> (LoadedScene, Pipeline) {
         let mut loaded = loaded.clone();
         match self {
-            Self::Hybrid => (loaded, Pipeline::Auto),
+            Self::Hybrid => (loaded, Pipeline::Hybrid),
             Self::Splats => {
                 loaded.scene.leaves.iter_mut().for_each(|leaf| leaf.represent = Some(Representation::Surfels));
                 (loaded, Pipeline::Auto)
