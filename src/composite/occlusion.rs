@@ -49,9 +49,8 @@ pub(super) fn occluded(
     strength: f32,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    let camera = source.camera();
-    let (shader, slopes, samples) = (Shader::new(&look.light, camera), Slopes::new(camera), source.samples());
-    let around = neighbours(camera);
+    let (shader, samples) = (Shader::new(&look.light, source.camera()), source.samples());
+    let shade = Shade::new(source, strength);
     from_strips(
         source,
         look,
@@ -63,41 +62,65 @@ pub(super) fn occluded(
             let tile = &strip.tiles[index];
             let blended = blend_tile(tile, samples, &shader, look.background);
             let (mut pixels, covered) = (blended.pixels, blended.covered);
-            if covered > 0 {
-                let depths = Depths::new(strip, index);
-                let all = u16::MAX >> (MAX_SAMPLES - samples);
-                for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
-                    if of_pixel[0] == of_pixel[1] {
-                        continue;
-                    }
-                    let first = &tile.boundaries[of_pixel[0] as usize];
-                    if first.samples & all != all {
-                        continue;
-                    }
-                    let (column, row) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-                    let (x, y) = (tile.rect.x0 + column, tile.rect.y0 + row);
-                    let step = Vec2::from(slopes.step(first.normal, x, y));
-                    let per_footprint = slopes.px_per_unit(first.depth);
-                    let at = depths.index(column, row);
-                    let mut covered = 0.0;
-                    for neighbour in &around {
-                        let deeper =
-                            (depths.nearest[at.wrapping_add_signed(neighbour.offset)] - first.depth) * per_footprint;
-                        let height = (step.dot(neighbour.at) - deeper) * neighbour.per_distance;
-                        if height > LEAST_HEIGHT && height < ANOTHER_BODY {
-                            // The share of a quarter circle above the horizon that a wall of this height hides.
-                            let hidden = height / (1.0 + height);
-                            covered += hidden * (1.0 - height / ANOTHER_BODY);
-                        }
-                    }
-                    let covered = (covered / (around.len() as f32 * MOST_COVERED)).min(1.0);
-                    let light = 1.0 - strength * (1.0 - DARKEST) * covered;
-                    pixels[pixel][..3].iter_mut().for_each(|c| *c *= light);
-                }
-            }
+            shade.of_tile(strip, index, |pixel, light| pixels[pixel][..3].iter_mut().for_each(|c| *c *= light));
             Composed { pixels, depth: Vec::new(), covered }
         },
     )
+}
+
+/// How much of the light from all around reaches each pixel's nearest surface.
+pub(super) struct Shade {
+    slopes: Slopes,
+    around: Vec<Neighbour>,
+    /// Bits of all samples.
+    all: u16,
+    /// From 0 to 1.
+    strength: f32,
+}
+
+impl Shade {
+    /// For pictures of `source`, of a strength from 0 to 1.
+    pub fn new(source: &dyn LayerSource, strength: f32) -> Self {
+        let camera = source.camera();
+        let all = u16::MAX >> (MAX_SAMPLES - source.samples());
+        Self { slopes: Slopes::new(camera), around: neighbours(camera), all, strength }
+    }
+
+    /// Calls `each` with every pixel of tile `index` that a surface covers, counted row by row, and the share of its light,
+    /// from 0 to 1, that reaches it.
+    pub fn of_tile(&self, strip: &Strip, index: usize, mut each: impl FnMut(usize, f32)) {
+        let tile = &strip.tiles[index];
+        if tile.boundaries.is_empty() {
+            return;
+        }
+        let depths = Depths::new(strip, index);
+        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
+            if of_pixel[0] == of_pixel[1] {
+                continue;
+            }
+            let first = &tile.boundaries[of_pixel[0] as usize];
+            if first.samples & self.all != self.all {
+                continue;
+            }
+            let (column, row) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
+            let (x, y) = (tile.rect.x0 + column, tile.rect.y0 + row);
+            let step = Vec2::from(self.slopes.step(first.normal, x, y));
+            let per_footprint = self.slopes.px_per_unit(first.depth);
+            let at = depths.index(column, row);
+            let mut covered = 0.0;
+            for neighbour in &self.around {
+                let deeper = (depths.nearest[at.wrapping_add_signed(neighbour.offset)] - first.depth) * per_footprint;
+                let height = (step.dot(neighbour.at) - deeper) * neighbour.per_distance;
+                if height > LEAST_HEIGHT && height < ANOTHER_BODY {
+                    // The share of a quarter circle above the horizon that a wall of this height hides.
+                    let hidden = height / (1.0 + height);
+                    covered += hidden * (1.0 - height / ANOTHER_BODY);
+                }
+            }
+            let covered = (covered / (self.around.len() as f32 * MOST_COVERED)).min(1.0);
+            each(pixel, 1.0 - self.strength * (1.0 - DARKEST) * covered);
+        }
+    }
 }
 
 /// A pixel that is asked.

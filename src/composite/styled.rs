@@ -2,13 +2,13 @@
 
 use super::layered::layered;
 use super::merge::{Contents, compose, surfaces_with};
-use super::occlusion::occluded;
+use super::occlusion::{Shade, occluded};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
-use super::shaded::{Shader, shaded};
+use super::shaded::shaded;
 use super::sketchy::sketchy;
 use super::{Look, Picture};
-use crate::layers::{Boundary, LayerSource};
+use crate::layers::LayerSource;
 use crate::scene::style::{Style, StyleKind};
 
 /// What styles know of leaves beside their boundaries, by leaf index; leaves beyond the end have nothing of it.
@@ -32,10 +32,10 @@ pub fn styled(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     prepared(source, style, leaves, |source| match style.kind {
-        StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
-            occluded(source, look, style, style.occlusion.unwrap_or_default().min(1.0), on_tile)
-        }
-        StyleKind::Shaded | StyleKind::Transparent => shaded(source, look, on_tile),
+        StyleKind::Shaded | StyleKind::Transparent => match hollow_shade(style) {
+            Some(strength) => occluded(source, look, style, strength, on_tile),
+            None => shaded(source, look, on_tile),
+        },
         StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
         StyleKind::Blueprint | StyleKind::Wireframe | StyleKind::EdgeTransparent => {
             layered(source, look, style, leaves.heavy, on_tile)
@@ -57,9 +57,8 @@ pub fn styled_with(
     }
     match style.kind {
         StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
-            let shader = Shader::new(&look.light, source.camera());
-            let lit = |boundary: &Boundary, x, y| shader.lit(boundary, shader.towards_eye(x, y));
-            surfaces_with(source, contents, look.background, lit, on_tile)
+            let shade = hollow_shade(style).map(|strength| Shade::new(source, strength));
+            surfaces_with(source, look, style, contents, shade.as_ref(), on_tile)
         }),
         _ => {
             const NOTHING: [f32; 4] = [0.0; 4];
@@ -68,6 +67,14 @@ pub fn styled_with(
             picture
         }
     }
+}
+
+/// How dark hollows are, above 0 to 1, in a style that shows them.
+fn hollow_shade(style: &Style) -> Option<f32> {
+    style
+        .occlusion
+        .filter(|strength| style.kind == StyleKind::Shaded && *strength > 0.0)
+        .map(|strength| strength.min(1.0))
 }
 
 /// Calls `draw` with `source` as `style` and `leaves` change it.
