@@ -4,10 +4,10 @@ use super::layered::layered;
 use super::merge::{Contents, compose, surfaces_with};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
-use super::shaded::{Shader, shaded};
+use super::shaded::shaded;
 use super::sketchy::sketchy;
 use super::{Look, Picture};
-use crate::layers::{Boundary, LayerSource};
+use crate::layers::LayerSource;
 use crate::scene::style::{Style, StyleKind};
 
 /// What styles know of leaves beside their boundaries, by leaf index; leaves beyond the end have nothing of it.
@@ -31,14 +31,15 @@ pub fn styled(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     prepared(source, style, leaves, |source| match style.kind {
-        StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
-            layered(source, look, style, leaves.heavy, on_tile)
-        }
-        // Sections are outlined in every style.
-        StyleKind::Shaded | StyleKind::Transparent if !leaves.heavy.contains(&true) => shaded(source, look, on_tile),
+        StyleKind::Shaded | StyleKind::Transparent if is_plain(style, leaves) => shaded(source, look, on_tile),
         StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
         _ => layered(source, look, style, leaves.heavy, on_tile),
     })
+}
+
+/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
+fn is_plain(style: &Style, leaves: Leaves) -> bool {
+    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 
 /// As [`styled`], composed with other content by depth.
@@ -55,9 +56,7 @@ pub fn styled_with(
     }
     match style.kind {
         StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
-            let shader = Shader::new(&look.light, source.camera());
-            let lit = |boundary: &Boundary, x, y| shader.lit(boundary, shader.towards_eye(x, y));
-            surfaces_with(source, contents, look.background, lit, on_tile)
+            surfaces_with(source, look, style, contents, leaves.heavy, is_plain(style, leaves), on_tile)
         }),
         _ => {
             const NOTHING: [f32; 4] = [0.0; 4];
