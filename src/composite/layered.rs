@@ -21,7 +21,7 @@
 use super::Look;
 use super::occlusion::Shade;
 use super::picture::Picture;
-use super::shaded::Shader;
+use super::shaded::{Shader, blend_one, over};
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
 use crate::layers::{LayerSource, LayerTile};
@@ -189,17 +189,6 @@ impl Gathered {
     }
 }
 
-/// The mean of what a pixel's `count` samples gathered, over `background`: linear RGB, straight alpha.
-fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
-    let [r, g, b, a] = background;
-    let alpha = (1.0 - through) + through * a;
-    if !(alpha > 0.0) {
-        return [0.0; 4];
-    }
-    let mix = |light: f32, behind: f32| (light + through * a * behind) / alpha;
-    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
-}
-
 impl Gathered {
     /// Over `background`: linear RGB, straight alpha; and the depth.
     pub fn finish(&self, background: [f32; 4]) -> ([f32; 4], f32) {
@@ -220,6 +209,18 @@ pub(super) fn compose(
     let (mut pixels, mut depth) = (vec![background; area], vec![f32::INFINITY; area]);
     let mut covered = 0;
     if tile.boundaries.is_empty() && lines.len() == 0 {
+        return Composed { pixels, depth, covered };
+    }
+    if lines.len() == 0 && samples == 1 {
+        // Surfaces alone, as most tiles of a shaded scan are.
+        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate().filter(|(_, of_pixel)| of_pixel[0] < of_pixel[1]) {
+            let (from, to) = (of_pixel[0] as usize, of_pixel[1] as usize);
+            let to = to.min(from.saturating_add(inks.most));
+            let shown = surfaces[from..to].iter().position(|surface| surface[3] > 0.0);
+            depth[pixel] = shown.map_or(f32::INFINITY, |first| tile.boundaries[from + first].depth);
+            pixels[pixel] = blend_one(&surfaces[from..to], background);
+            covered += 1;
+        }
         return Composed { pixels, depth, covered };
     }
     let ink_at = |layer: usize, pixel: usize| {

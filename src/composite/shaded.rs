@@ -396,7 +396,7 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
 }
 
 /// One pixel of one sample: lit colours with their opacities, front to back over `background`. Linear, straight alpha.
-fn blend_one(lit: &[[f32; 4]], background: [f32; 4]) -> [f32; 4] {
+pub(super) fn blend_one(lit: &[[f32; 4]], background: [f32; 4]) -> [f32; 4] {
     let (mut light, mut through) = ([0.0; 3], 1.0);
     for &[r, g, b, opacity] in lit {
         let weight = through * opacity;
@@ -410,7 +410,7 @@ fn blend_one(lit: &[[f32; 4]], background: [f32; 4]) -> [f32; 4] {
 }
 
 /// Premultiplied `light` over `background`, of which it lets a share `through`: linear RGB, straight alpha.
-fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
+pub(super) fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
     let [r, g, b, a] = background;
     let alpha = (1.0 - through) + through * a;
     if !(alpha > 0.0) {
