@@ -41,7 +41,7 @@ fn a_section_cuts_the_result_and_hatches_each_leaf_in_its_own_direction() {
     // The section is not in the expression: it cuts it.
     scene(here, "a.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}{SECTION}"));
     scene(here, "b.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}"));
-    for pipeline in ["--pipeline mesh", "--pipeline reference", "--represent outer=surfels"] {
+    for pipeline in ["--pipeline splat", "--pipeline mesh", "--pipeline reference", "--represent outer=surfels"] {
         run(here, &format!("render a.toml {pipeline} -o a.png --overwrite"));
         let cut = picture(here, "a.png");
         // Dark pixels with a dark neighbour up right, or up left: lines that rise, lines that fall.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::csg::positive::Positive;
-use crate::csg::{LeafId, Tree};
+use crate::csg::{Blist, LeafId, Tree};
 
 pub mod classes;
 pub mod field;
@@ -35,6 +35,8 @@ pub struct LeafLook {
 pub struct Model {
     /// The expression over the leaves, positive form.
     pub tree: Positive,
+    /// The same as a list, which asks for no more leaves than it needs.
+    pub list: Blist,
     /// By leaf; shared with the models of other expressions over the same leaves.
     pub fields: Vec<Arc<LeafField>>,
     /// By leaf.
@@ -81,7 +83,8 @@ impl Model {
         positive_leaves.sort_unstable();
         positive_leaves.dedup();
         let pose = moves::Pose::default();
-        Self { tree, fields, looks, classes, statuses, positive_leaves, state: next_state(), pose }
+        let list = tree.blist();
+        Self { tree, list, fields, looks, classes, statuses, positive_leaves, state: next_state(), pose }
     }
 
     /// The leaves that occur uncomplemented in the positive form: those whose material the result is made of.

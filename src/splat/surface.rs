@@ -548,7 +548,7 @@ fn crossing_of_tree(
     let crossing = Crossing::between(with_own(false), with_own(true))?;
     let body = match crossing {
         Crossing::Rises => None,
-        Crossing::Falls => model.positive_leaves().iter().copied().find(|&leaf| leaf != own && holds(leaf)),
+        Crossing::Falls => body(model, own, |_| Membership::Near, holds),
     };
     Some((crossing, body.unwrap_or(own).0))
 }
@@ -600,23 +600,58 @@ fn sides<S: Simd>(
     bits
 }
 
-/// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the first positive
-/// leaf that holds the point; `holds` decides for leaves that are near.
+/// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the [`body`]; `holds`
+/// decides for leaves that are near.
 pub(super) fn body_behind(
     model: &Model,
     own: LeafId,
     crossing: Crossing,
     surfel: usize,
-    mut holds: impl FnMut(LeafId) -> bool,
+    holds: impl FnMut(LeafId) -> bool,
 ) -> u32 {
-    if crossing == Crossing::Rises {
-        return own.0;
+    match crossing {
+        Crossing::Rises => own.0,
+        Crossing::Falls => body(model, own, |leaf| model.status(own, surfel, leaf), holds).unwrap_or(own).0,
     }
-    let mut candidates = model.positive_leaves().iter().filter(|&&leaf| leaf != own);
-    let body = candidates.find(|&&leaf| match model.status(own, surfel, leaf) {
+}
+
+/// The first leaf that the result just outside of leaf `own`, where it holds, could not do without; where it could do without
+/// any one of them, the first that is left when they are taken away from the last on for as long as it holds. `status` tells the
+/// place of the point in the other leaves, and `holds`, at most once each, in those that are near.
+fn body(
+    model: &Model,
+    own: LeafId,
+    status: impl Fn(LeafId) -> Membership,
+    mut holds: impl FnMut(LeafId) -> bool,
+) -> Option<LeafId> {
+    let mut asked: Vec<(LeafId, bool)> = Vec::new();
+    let mut inside = |leaf: LeafId| match status(leaf) {
+        _ if leaf == own => false,
         Membership::In => true,
         Membership::Out => false,
-        Membership::Near => holds(leaf),
-    });
-    body.map_or(own.0, |leaf| leaf.0)
+        Membership::Near => match asked.iter().find(|(other, _)| *other == leaf) {
+            Some((_, known)) => *known,
+            None => {
+                let known = holds(leaf);
+                asked.push((leaf, known));
+                known
+            }
+        },
+    };
+    // A leaf that the point is outside of is one that the result can do without, so it need not be asked itself.
+    let may_hold = |leaf: &LeafId| *leaf != own && status(*leaf) != Membership::Out;
+    let candidates = || model.positive_leaves().iter().copied().filter(may_hold);
+    let mut holds_without =
+        |gone: &[LeafId], leaf| model.list.eval(|other| other != leaf && !gone.contains(&other) && inside(other));
+    if let Some(needed) = candidates().find(|&leaf| !holds_without(&[], leaf)) {
+        return Some(needed);
+    }
+    let mut gone = Vec::new();
+    let within: Vec<LeafId> = candidates().collect();
+    for &leaf in within.iter().rev() {
+        if holds_without(&gone, leaf) {
+            gone.push(leaf);
+        }
+    }
+    within.into_iter().find(|leaf| !gone.contains(leaf))
 }
