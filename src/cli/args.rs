@@ -341,10 +341,10 @@ pub struct RenderArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Args)]
 pub struct SequenceArgs {
     /// Draw N frames once around the camera's target, about its up direction
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "repeat", help_heading = "Sequence")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with_all = ["repeat", "dump_maps"], help_heading = "Sequence")]
     pub turntable: Option<u32>,
     /// Draw the frames between the scene's keyframes
-    #[arg(long, conflicts_with_all = ["repeat", "turntable"], help_heading = "Sequence")]
+    #[arg(long, conflicts_with_all = ["repeat", "turntable", "dump_maps"], help_heading = "Sequence")]
     pub animate: bool,
     /// Frames a second, of a film and between keyframes whose times are in seconds
     #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = frame_rate, help_heading = "Sequence")]
