@@ -5,16 +5,19 @@
 //! of its own, at its own depth.
 //!
 //! *Practice.* Where every layer is drawn as a surface (shaded, transparent) content takes its place among them:
-//! [`blend_with`]. The styles with lines draw what many pixels decide together, so their finished picture is composed by the
+//! [`blend_with`], or `layered` where there is shade in hollows or a section's outline too. The styles with lines draw what many pixels decide together, so their finished picture is composed by the
 //! depth of the nearest thing that it shows: [`compose`]. Content has one depth a pixel; it covers all samples of the pixel
 //! alike. Colours are linear and premultiplied while they are blended. At equal depth the result is in front.
 
 use rayon::prelude::*;
 
+use super::Look;
+use super::layered::{Composed, from_strips};
 use super::picture::Picture;
+use super::shaded::{Shader, blend_tile};
 use crate::formats::depth_picture::DepthPicture;
-use crate::layers::{Boundary, LayerSource, MAX_SAMPLES, TILE_SIDE};
-use crate::space::PixelRect;
+use crate::layers::{Boundary, LayerSource, MAX_SAMPLES};
+use crate::scene::style::Style;
 
 /// What another picture shows at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -130,49 +133,51 @@ impl Contents {
     }
 }
 
-/// Draws the layers of `source` as surfaces, with `contents` among them, over `background`. `lit` tells a boundary's colour at
-/// a pixel. The same bits on any number of threads; `on_tile` is called once for each finished tile.
-pub fn surfaces_with(
+/// Draws the layers of `source` as surfaces, with `contents` among them. Where the contents show nothing, the picture is what it is without them, to the last bit. `on_tile` is called once for each tile.
+pub(super) fn surfaces_with(
     source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
     contents: &Contents,
-    background: [f32; 4],
-    lit: impl Fn(&Boundary, u32, u32) -> [f32; 3] + Sync,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    let (width, height) = (source.camera().width, source.camera().height);
-    let samples = source.samples();
-    let tiles: Vec<(PixelRect, Vec<Blended>)> = PixelRect::tiles(width, height, TILE_SIDE)
-        .into_par_iter()
-        .map(|rect| {
-            let tile = source.draw(rect);
-            let mut found = Vec::new();
-            let mut pixels = Vec::with_capacity(rect.area());
-            for y in rect.y0..rect.y1 {
-                for x in rect.x0..rect.x1 {
-                    contents.at(x, y, &mut found);
-                    pixels.push(blend_with(tile.at(x, y), &found, samples, background, |boundary| lit(boundary, x, y)));
+    let (shader, samples) = (Shader::new(&look.light, source.camera()), source.samples());
+    from_strips(
+        source,
+        look,
+        style,
+        &[],
+        on_tile,
+        |_| (),
+        |strip, (), index| {
+            let tile = &strip.tiles[index];
+            let blended = blend_tile(tile, samples, &shader, look.background);
+            let mut pixels = blended.pixels;
+            let (mut depth, mut found) = (Vec::with_capacity(pixels.len()), Vec::new());
+            for (pixel, shown) in pixels.iter_mut().enumerate() {
+                let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
+                let (x, y) = (tile.rect.x0 + x, tile.rect.y0 + y);
+                let boundaries = tile.at(x, y);
+                contents.at(x, y, &mut found);
+                if found.is_empty() {
+                    let nearest = boundaries.iter().find(|boundary| boundary.opacity > 0.0);
+                    depth.push(nearest.map_or(f32::INFINITY, |boundary| boundary.depth));
+                    continue;
                 }
+                let towards_eye = shader.towards_eye(x, y);
+                let lit = |boundary: &Boundary| shader.lit(boundary, towards_eye);
+                let (colour, nearest) = blend_with(boundaries, &found, samples, look.background, lit);
+                *shown = colour;
+                depth.push(nearest);
             }
-            on_tile();
-            (rect, pixels)
-        })
-        .collect();
-    let area = width as usize * height as usize;
-    let (mut pixels, mut depth) = (vec![[0.0; 4]; area], vec![f32::INFINITY; area]);
-    for (rect, of_tile) in tiles {
-        for (row, line) in of_tile.chunks_exact(rect.width() as usize).enumerate() {
-            let start = (rect.y0 as usize + row) * width as usize + rect.x0 as usize;
-            for (column, &(pixel, z)) in line.iter().enumerate() {
-                (pixels[start + column], depth[start + column]) = (pixel, z);
-            }
-        }
-    }
-    let covered = depth.iter().filter(|z| z.is_finite()).count() as u64;
-    Picture { width, height, pixels, depth: Some(depth), covered, has_alpha: background[3] < 1.0 }
+            Composed { pixels, depth, covered: blended.covered }
+        },
+    )
 }
 
 /// Puts `contents` before and behind a finished `picture` that was drawn over nothing, by the depth of the nearest thing
-/// that each pixel shows, and all over `background`. A picture without depths lies behind all content.
+/// that each pixel shows, and all over `background`. A picture without depths lies behind all content. What the contents cover
+/// is not counted as covered.
 pub fn compose(picture: &mut Picture, contents: &Contents, background: [f32; 4]) {
     let width = picture.width as usize;
     let mut depths = picture.depth.take().unwrap_or_else(|| vec![f32::INFINITY; picture.pixels.len()]);
@@ -191,7 +196,6 @@ pub fn compose(picture: &mut Picture, contents: &Contents, background: [f32; 4])
             *pixel = straight(ray.light, ray.through);
         }
     });
-    picture.covered = depths.iter().filter(|z| z.is_finite()).count() as u64;
     picture.has_alpha = background[3] < 1.0;
     picture.depth = Some(depths);
 }
@@ -283,6 +287,6 @@ mod tests {
             near(picture.at(x, 0), wanted);
             assert_eq!(picture.depth.as_ref().unwrap()[x as usize], depth);
         }
-        assert_eq!((picture.covered, picture.has_alpha), (3, false));
+        assert_eq!((picture.covered, picture.has_alpha), (2, false));
     }
 }

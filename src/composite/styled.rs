@@ -4,10 +4,10 @@ use super::layered::layered;
 use super::merge::{Contents, compose, surfaces_with};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
-use super::shaded::{Shader, shaded};
+use super::shaded::shaded;
 use super::sketchy::sketchy;
 use super::{Look, Picture};
-use crate::layers::{Boundary, LayerSource};
+use crate::layers::LayerSource;
 use crate::scene::style::{Style, StyleKind};
 
 /// What styles know of leaves beside their boundaries, by leaf index; leaves beyond the end have nothing of it.
@@ -31,13 +31,9 @@ pub fn styled(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     prepared(source, style, leaves, |source| match style.kind {
-        StyleKind::Shaded if style.occlusion.is_some_and(|strength| strength > 0.0) => {
-            layered(source, look, style, leaves.heavy, on_tile)
-        }
-        // Sections are outlined in every style.
-        StyleKind::Shaded | StyleKind::Transparent if !leaves.heavy.contains(&true) => shaded(source, look, on_tile),
+        _ if is_plain(style, leaves) => shaded(source, look, on_tile),
         StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
-        _ => layered(source, look, style, leaves.heavy, on_tile),
+        _ => layered(source, look, style, leaves.heavy, &Contents::default(), on_tile),
     })
 }
 
@@ -55,9 +51,11 @@ pub fn styled_with(
     }
     match style.kind {
         StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
-            let shader = Shader::new(&look.light, source.camera());
-            let lit = |boundary: &Boundary, x, y| shader.lit(boundary, shader.towards_eye(x, y));
-            surfaces_with(source, contents, look.background, lit, on_tile)
+            if is_plain(style, leaves) {
+                surfaces_with(source, look, style, contents, on_tile)
+            } else {
+                layered(source, look, style, leaves.heavy, contents, on_tile)
+            }
         }),
         _ => {
             const NOTHING: [f32; 4] = [0.0; 4];
@@ -66,6 +64,16 @@ pub fn styled_with(
             picture
         }
     }
+}
+
+/// Whether pixels are drawn each by itself: as surfaces without shade in hollows, and without a section, whose outline is
+/// drawn in every style.
+fn is_plain(style: &Style, leaves: Leaves) -> bool {
+    let is_shaded_in_hollows =
+        style.kind == StyleKind::Shaded && style.occlusion.is_some_and(|strength| strength > 0.0);
+    matches!(style.kind, StyleKind::Shaded | StyleKind::Transparent)
+        && !is_shaded_in_hollows
+        && !leaves.heavy.contains(&true)
 }
 
 /// Calls `draw` with `source` as `style` and `leaves` change it.
