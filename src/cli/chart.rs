@@ -55,7 +55,7 @@ pub fn run(args: &ChartArgs, session: &Session) -> anyhow::Result<u8> {
     let mut report = Report::new(std::env::args().collect());
     let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
-    memory::check(&camera, Held::Comparison)?;
+    memory::check(&camera, Held::COMPARISON)?;
     let frame = frame_args(&args.view, &loaded, &Style::default(), false);
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
     let reference = engine::reference(&loaded, frame)?;

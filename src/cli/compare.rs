@@ -28,7 +28,7 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let mut report = Report::new(std::env::args().collect());
     let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
     let camera = input::camera(&loaded, &args.view.camera)?;
-    memory::check(&camera, Held::Comparison)?;
+    memory::check(&camera, Held::COMPARISON)?;
     // All boundaries unless asked otherwise: how many there are is one of the measures.
     let frame = FrameArgs { samples: args.view.samples, limit: args.view.layers.unwrap_or(LayerLimit::All) };
     let with = PipelineArgs {

@@ -13,13 +13,13 @@ use surfcut::composite::shaded::tile_count;
 use surfcut::composite::{Leaves, Look, Picture, styled_with};
 use surfcut::csg::LeafId;
 use surfcut::formats::depth_picture::{self, DepthPictureError};
-use surfcut::layers::limit::LayerCounts;
+use surfcut::layers::limit::{Counted, LayerCounts};
 use surfcut::layers::{LayerLimit, LayerSource, LayerStack};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError, PictureInfo, exr, png};
 use surfcut::scene::style::Style;
 use surfcut::scene::{LeafGeometry, LoadedScene};
-use surfcut::space::{Camera, CameraError, Lens, Motion, Projection};
+use surfcut::space::{Camera, CameraError, Lens, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
 use super::engine::{Engine, FrameArgs, engine};
@@ -49,8 +49,8 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
-    memory::check(&camera, if wants_layers { Held::Exr } else { Held::Png })?;
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
+    memory::check(&camera, Held::picture(wants_layers, args.view.merge.len()))?;
     // Maps show every layer, whatever the style draws.
     let frame = frame_args(&args.view, &loaded, &style, wants_layers || args.style.dump_maps.is_some());
     describe(args, &camera, frame, &style, &loaded, &mut report);
@@ -64,7 +64,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
     let leaf_colours = leaf_colours(&loaded);
-    let hatching = Hatching::of_scene(&loaded, &style, |_| Motion::REST);
+    let hatching = Hatching::of_scene(&loaded, &style);
     let heavy = hatching.heavy();
     let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) };
     let drawing = Drawing {
@@ -73,14 +73,16 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         style,
         leaves,
         contents: &contents,
-        min_pixels: args.view.min_pixels.filter(|_| frame.limit == LayerLimit::All),
+        limit: frame.limit,
+        min_pixels: args.view.min_pixels,
         wants_layers,
+        wants_maps: args.style.dump_maps.is_some(),
         bars: session.bars,
     };
-    let Drawn { picture, stack, max_layers } = drawing.draw(&camera, &mut report)?;
+    let Drawn { picture, stack, style, layers } = drawing.draw(&camera, &mut report)?;
     tell_of(&*engine, session, &mut report);
     if let Some(repeats) = args.repeat {
-        report.frame = drawing.repeat(&camera, loaded.camera_spec().target, repeats)?;
+        report.frame = drawing.repeat(&camera, &style, loaded.camera_spec().target, repeats)?;
     }
 
     report.count("leaves", loaded.scene.leaves.len() as u64);
@@ -92,7 +94,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         session.tell(&format!("warning: {warning}"));
     }
     let info = picture_info(&report, &camera);
-    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers, info };
+    let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers: most_layers(&style), info };
     for (destination, format) in &outputs {
         let watch = Stopwatch::start();
         files.write(*format, destination, session.overwrite())?;
@@ -100,7 +102,8 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         session.tell(&format!("wrote {destination} ({}x{})", picture.width, picture.height));
     }
     if let Some(folder) = &args.style.dump_maps {
-        report.phase("maps", || drawing.dump_maps(&camera, folder, session))?;
+        memory::check(&camera, Held::maps(&style, layers.unwrap_or_default()))?;
+        report.phase("maps", || drawing.dump_maps(&camera, &style, folder, session))?;
     }
     left_out_text(&report).into_iter().for_each(|text| session.tell(&text));
     session.tell(&times_text(&report));
@@ -111,6 +114,11 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
 /// The leaves' colours where they are of one, by index.
 pub fn leaf_colours(loaded: &LoadedScene) -> Vec<[f32; 3]> {
     (0..loaded.scene.leaves.len()).map(|leaf| loaded.colour(LeafId(leaf as u32))).collect()
+}
+
+/// How many layers a file holds at most.
+pub fn most_layers(style: &Style) -> Option<usize> {
+    style.max_layers.map(|most| most as usize)
 }
 
 /// What a picture's file says of itself.
@@ -241,10 +249,14 @@ pub struct Drawing<'a> {
     pub leaves: Leaves<'a>,
     /// Pictures that are composed with the result.
     pub contents: &'a Contents,
-    /// A layer with fewer pixels is the first that is left out, where all layers are drawn.
+    /// How many layers `engine` hands over.
+    pub limit: LayerLimit,
+    /// A layer with fewer pixels is the first that is left out, where deeper ones show.
     pub min_pixels: Option<u64>,
     /// Whether an output holds layers.
     pub wants_layers: bool,
+    /// Whether it is to be told how many layers there are, for their maps.
+    pub wants_maps: bool,
     /// For progress.
     pub bars: Bars,
 }
@@ -255,8 +267,10 @@ pub struct Drawn {
     pub picture: Picture,
     /// Its layers, where an output holds them.
     pub stack: Option<LayerStack>,
-    /// How many of them count.
-    pub max_layers: Option<usize>,
+    /// The style that it is drawn in, with as many layers as are worth drawing.
+    pub style: Style,
+    /// How many layers there are, where they were counted.
+    pub layers: Option<usize>,
 }
 
 impl Drawing<'_> {
@@ -265,17 +279,39 @@ impl Drawing<'_> {
         let source = report.phase("prepare", || self.engine.frame(camera))?;
         let stack = self.wants_layers.then(|| report.phase("frame", || LayerStack::collect(&*source)));
         let source: &dyn LayerSource = stack.as_ref().map_or(&*source, |stack| stack);
-        let style = self.limited(source, report);
+        let mut style = self.style;
+        let mut counts = None;
+        if let Some(min_pixels) = self.min_pixels.filter(|_| self.shows_layers()) {
+            let counted = report.phase("count", || LayerCounts::of(source));
+            let most = tell_layers(&counted, min_pixels, &style, report);
+            style.max_layers = Some(most.max(1) as u32);
+            counts = Some(counted);
+        }
+        // A limit alone needs no pass of its own: the layers are counted as they are drawn.
+        let is_limited = style.max_layers.is_some() && self.shows_layers();
+        let counted = (counts.is_none() && (is_limited || self.wants_maps)).then(|| Counted::new(source));
+        let source = counted.as_ref().map_or(source, |counted| counted);
         let bar = self.bars.count(tile_count(camera), "drawing");
         let picture = report.phase("frame", || self.styled(source, &style, &|| bar.inc(1)));
         bar.finish_and_clear();
-        Ok(Drawn { picture, stack, max_layers: style.max_layers.map(|most| most as usize) })
+        if let Some(counted) = counted.map(Counted::into_counts) {
+            if is_limited {
+                tell_layers(&counted, 0, &style, report);
+            }
+            counts = Some(counted);
+        }
+        Ok(Drawn { picture, stack, style, layers: counts.map(|counts| counts.pixels.len()) })
+    }
+
+    /// Whether what is drawn, or written, depends on deeper layers than the nearest, so that a limit changes it.
+    fn shows_layers(&self) -> bool {
+        self.limit == LayerLimit::All && (self.wants_layers || self.style.needs_all_layers())
     }
 
     /// Writes what the picture is made of into `folder`.
-    pub fn dump_maps(&self, camera: &Camera, folder: &Path, session: &Session) -> anyhow::Result<()> {
+    pub fn dump_maps(&self, camera: &Camera, style: &Style, folder: &Path, session: &Session) -> anyhow::Result<()> {
         let source = self.engine.frame(camera)?;
-        let maps = maps(&*source, &self.look, &self.style, self.leaves);
+        let maps = maps(&*source, &self.look, style, self.leaves);
         let destinations: Vec<Destination> =
             maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
         for (map, destination) in maps.into_iter().zip(&destinations) {
@@ -286,33 +322,26 @@ impl Drawing<'_> {
         Ok(())
     }
 
-    /// The style, with as many layers as are worth drawing.
-    fn limited(&self, source: &dyn LayerSource, report: &mut Report) -> Style {
-        let Some(min_pixels) = self.min_pixels else { return self.style };
-        let counts = report.phase("count", || LayerCounts::of(source));
-        let most = counts.worth(min_pixels, self.style.max_layers.map(|most| most as usize));
-        let left_out = counts.left_out(most);
-        report.count("layers", counts.pixels.len() as u64);
-        report.count("layers_drawn", most as u64);
-        report.share("pixels_left_out", left_out.pixels);
-        report.share("boundaries_left_out", left_out.boundaries);
-        Style { max_layers: Some(most.max(1) as u32), ..self.style }
-    }
-
     fn styled(&self, source: &dyn LayerSource, style: &Style, on_tile: &(dyn Fn() + Sync)) -> Picture {
         styled_with(source, &self.look, style, self.leaves, self.contents, on_tile)
     }
 
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
     /// frame can be kept for the next.
-    fn repeat(&self, camera: &Camera, centre: DVec3, repeats: u32) -> anyhow::Result<Option<FrameTimes>> {
+    fn repeat(
+        &self,
+        camera: &Camera,
+        style: &Style,
+        centre: DVec3,
+        repeats: u32,
+    ) -> anyhow::Result<Option<FrameTimes>> {
         let bar = self.bars.count(u64::from(repeats), "repeating");
         let mut times: Vec<Times> = Vec::new();
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
             let source = self.engine.frame(&turned)?;
-            std::hint::black_box(self.styled(&*source, &self.style, &|| ()));
+            std::hint::black_box(self.styled(&*source, style, &|| ()));
             if turn > 0 {
                 times.push(watch.times());
                 bar.inc(1);
@@ -321,6 +350,17 @@ impl Drawing<'_> {
         bar.finish_and_clear();
         Ok(FrameTimes::median(&times))
     }
+}
+
+/// Reports how many layers of at least `min_pixels` pixels are drawn in `style`, which it returns, and what is left out.
+fn tell_layers(counts: &LayerCounts, min_pixels: u64, style: &Style, report: &mut Report) -> usize {
+    let most = counts.worth(min_pixels, most_layers(style));
+    let left_out = counts.left_out(most);
+    report.count("layers", counts.pixels.len() as u64);
+    report.count("layers_drawn", most as u64);
+    report.share("pixels_left_out", left_out.pixels);
+    report.share("boundaries_left_out", left_out.boundaries);
+    most
 }
 
 /// `camera` moved by `degrees` around `centre`, about its own upward axis.

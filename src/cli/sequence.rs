@@ -12,7 +12,6 @@ use serde_json::json;
 use surfcut::composite::section::Hatching;
 use surfcut::composite::{Leaves, Look};
 use surfcut::csg::LeafId;
-use surfcut::layers::LayerLimit;
 use surfcut::output::film::{self, FilmFormat};
 use surfcut::output::frames::{FRAME_MARK, FrameNames, Frames, RunKey};
 use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
@@ -28,7 +27,7 @@ use super::memory::Held;
 use super::progress::Bars;
 use super::render::{
     Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, has_points, leaf_colours, left_out_text,
-    picture_info, tell_of, times_text,
+    most_layers, picture_info, tell_of, times_text,
 };
 use super::{Session, input, memory};
 
@@ -59,13 +58,13 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let shots = shots(args, &loaded)?;
     let merged = merged(&args.view.merge, shots.len())?;
-    let key = run_key(args, &loaded, shots.len())?;
+    let key = run_key(args, &loaded, &merged, shots.len())?;
     let mut targets = targets.open(&key, session)?;
     let wants_layers = targets.frames.iter().any(|(_, format)| *format == PictureFormat::Exr);
     // Surfels are made for the camera that sees most of them.
     let closest = closest(&shots, &loaded);
-    memory::check(&closest.camera, if wants_layers { Held::Exr } else { Held::Png })?;
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
+    memory::check(&closest.camera, Held::picture(wants_layers, merged.len()))?;
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &closest.camera, frame, &style, &loaded, &mut report);
     let missing: Vec<usize> = (0..shots.len()).filter(|&frame| targets.lacks(frame)).collect();
@@ -80,6 +79,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let told = report.warnings.len();
         let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
         let leaf_colours = leaf_colours(&loaded);
+        let at_rest = Hatching::of_scene(&loaded, &style);
         let mut engine = engine(&mut loaded, &args.pipeline, frame, &closest.camera, session.bars, &mut report)?;
         report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
         report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
@@ -97,7 +97,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
                 report.phase("move", || engine.pose(&shot.motions))?;
                 pose.clone_from(&shot.motions);
             }
-            let hatching = Hatching::of_scene(&loaded, &style, |leaf| shot.motion(leaf));
+            let hatching = at_rest.moved(|leaf| shot.motion(leaf));
             let heavy = hatching.heavy();
             let drawing = Drawing {
                 engine: &*engine,
@@ -105,15 +105,17 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
                 style,
                 leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) },
                 contents: &contents,
-                min_pixels: args.view.min_pixels.filter(|_| frame.limit == LayerLimit::All),
+                limit: frame.limit,
+                min_pixels: args.view.min_pixels,
                 wants_layers,
+                wants_maps: false,
                 bars: Bars::hidden(),
             };
-            let Drawn { picture, stack, max_layers } = drawing.draw(&shot.camera, &mut report)?;
+            let Drawn { picture, stack, style, .. } = drawing.draw(&shot.camera, &mut report)?;
             times.push(watch.times());
             covered += picture.covered;
             let info = picture_info(&report, &shot.camera);
-            let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers, info };
+            let files = Files { drawn: (&picture, stack.as_ref()), look, max_layers: most_layers(&style), info };
             report.phase("write", || targets.write(index, &files))?;
             bar.inc(1);
         }
@@ -221,8 +223,9 @@ fn closest<'s>(shots: &'s [Shot], loaded: &LoadedScene) -> &'s Shot {
     best
 }
 
-/// What the frames depend on: the flags that a frame depends on, and the scene with the content of its files.
-fn run_key(args: &RenderArgs, loaded: &LoadedScene, frames: usize) -> anyhow::Result<RunKey> {
+/// What the frames depend on: the flags that a frame depends on, and the scene with the content of its files and of those
+/// that its frames are merged with.
+fn run_key(args: &RenderArgs, loaded: &LoadedScene, merged: &[FrameNames], frames: usize) -> anyhow::Result<RunKey> {
     let hash = |text: &str| format!("{:032x}", XxHash3_128::oneshot(text.as_bytes()));
     let mut flags = args.clone();
     // Where frames go, and what is in the scene, does not belong to the flags.
@@ -233,7 +236,8 @@ fn run_key(args: &RenderArgs, loaded: &LoadedScene, frames: usize) -> anyhow::Re
         flags.sequence.fps = 0.0;
     }
     let content = |path: &Path| -> anyhow::Result<PathBuf> {
-        Ok(format!("{:032x}", XxHash3_128::oneshot(&fs::read(path)?)).into())
+        let unreadable = |error| InputError(format!("{}: the file cannot be read: {error}", path.display()));
+        Ok(format!("{:032x}", XxHash3_128::oneshot(&fs::read(path).map_err(unreadable)?)).into())
     };
     let mut scene = loaded.scene.clone();
     for leaf in &mut scene.leaves {
@@ -244,11 +248,13 @@ fn run_key(args: &RenderArgs, loaded: &LoadedScene, frames: usize) -> anyhow::Re
             *path = content(path)?;
         }
     }
+    let merged = merged.iter().flat_map(|names| (0..frames).map(|frame| names.path(frame)));
+    let merged: Vec<PathBuf> = merged.map(|path| content(&path)).collect::<Result<_, _>>()?;
     Ok(RunKey {
         surfcut: env!("CARGO_PKG_VERSION").to_owned(),
         frames,
         settings: hash(&format!("{flags:?}")),
-        scene: hash(&format!("{scene:?}")),
+        scene: hash(&format!("{scene:?}{merged:?}")),
     })
 }
 

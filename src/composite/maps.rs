@@ -47,6 +47,20 @@ const PLAIN_MAPS: usize = 3;
 /// Behind everything.
 const EMPTY: [u8; 3] = [255; 3];
 
+/// Bytes that the maps of `layers` layers take for each pixel of a picture in `style`.
+pub fn bytes_per_pixel(style: &Style, layers: usize) -> u64 {
+    let is_sketchy = style.kind == StyleKind::Sketchy;
+    let [depth, bytes] = [size_of::<f32>() as u64, size_of::<[u8; 3]>() as u64];
+    let of_layer = match is_sketchy {
+        true => 2 * depth + BYTE_MAPS.len() as u64 * bytes,
+        false => depth + PLAIN_MAPS as u64 * bytes,
+    };
+    let noise = if is_sketchy { bytes } else { 0 };
+    let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
+    // Depths become bytes one map at a time.
+    layers.min(most) as u64 * of_layer + noise + bytes
+}
+
 /// The maps of `source` drawn in `style`; lines are found for styles without lines too. Depth is white at the nearest surface of
 /// all layers and dark at the deepest; normals are in view space, x, y and −z as red, green and blue.
 pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {

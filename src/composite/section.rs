@@ -80,8 +80,8 @@ impl Hatching {
         Self { sections, ranks, line_px, ink, colours }
     }
 
-    /// For the scene's sections, each moved by its leaf's motion, with lines of the style's.
-    pub fn of_scene(loaded: &LoadedScene, style: &Style, motion: impl Fn(LeafId) -> Motion) -> Self {
+    /// For the scene's sections where the scene has them, with lines of the style's.
+    pub fn of_scene(loaded: &LoadedScene, style: &Style) -> Self {
         let scene = &loaded.scene;
         let index = |leaf: LeafId| leaf.0 as usize;
         let diagonal = loaded.extent().bounds().map(|bounds| bounds.diagonal());
@@ -90,7 +90,7 @@ impl Hatching {
             let LeafGeometry::Solid(Solid::HalfSpace { point, normal, extent }) = &loaded.geometry[index(leaf)] else {
                 return None;
             };
-            let world_from_leaf = motion(leaf).affine() * scene.leaves[index(leaf)].world_from_leaf;
+            let world_from_leaf = scene.leaves[index(leaf)].world_from_leaf;
             Some(SectionPlane {
                 leaf: leaf.0,
                 point: world_from_leaf.transform_point3(*point),
@@ -108,6 +108,19 @@ impl Hatching {
         let colours = leaves.map(|leaf| loaded.colour(leaf)).collect();
         let ink = style.ink(loaded.scene.background_for(style));
         Self::new(sections, &bodies, f64::from(style.lines.width_px), ink, colours)
+    }
+
+    /// With each section moved by its leaf's motion; the lines' distance stays.
+    pub fn moved(&self, motion: impl Fn(LeafId) -> Motion) -> Self {
+        let moved = |section: &SectionPlane| {
+            let motion = motion(LeafId(section.leaf));
+            SectionPlane {
+                point: motion.point(section.point),
+                normal: (motion.rotation * section.normal).normalize(),
+                ..*section
+            }
+        };
+        Self { sections: self.sections.iter().map(moved).collect(), ..self.clone() }
     }
 
     /// Whether there is nothing to hatch.

@@ -8,10 +8,12 @@
 //! *Practice.* A layer is counted for each sample: the second boundary of one sample of an edge pixel may be the third of its
 //! neighbour. A boundary that only some samples still see keeps those samples alone.
 
+use std::sync::{Mutex, PoisonError};
+
 use rayon::prelude::*;
 
 use super::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, TILE_SIDE};
-use crate::space::PixelRect;
+use crate::space::{Camera, PixelRect};
 
 /// Counts boundaries sample by sample along one pixel.
 struct Depths {
@@ -142,8 +144,46 @@ impl LayerCounts {
     }
 }
 
+/// A source that counts the layers of what it draws, for whoever draws every tile of the picture once.
+pub struct Counted<'a> {
+    source: &'a dyn LayerSource,
+    counts: Mutex<LayerCounts>,
+}
+
+impl<'a> Counted<'a> {
+    /// `source`, with nothing counted yet.
+    pub fn new(source: &'a dyn LayerSource) -> Self {
+        Self { source, counts: Mutex::default() }
+    }
+
+    /// What was drawn so far.
+    pub fn into_counts(self) -> LayerCounts {
+        self.counts.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl LayerSource for Counted<'_> {
+    fn camera(&self) -> &Camera {
+        self.source.camera()
+    }
+
+    fn samples(&self) -> u32 {
+        self.source.samples()
+    }
+
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        let tile = self.source.draw(rect);
+        let of_tile = LayerCounts::of_tile(&tile, self.source.samples());
+        // Sums of whole numbers: the order of the tiles changes nothing.
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        *counts = std::mem::take(&mut *counts).add(of_tile);
+        tile
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::LayerStack;
     use super::super::test_layers::{Painted, boundary, camera};
     use super::*;
 
@@ -194,6 +234,9 @@ mod tests {
             _ => stack(1),
         });
         let counts = LayerCounts::of(&source);
+        let counted = Counted::new(&source);
+        LayerStack::collect(&counted);
+        assert_eq!(counted.into_counts(), counts);
         let quarter = 65 * 35 + 1;
         assert_eq!(counts.pixels[..4], [130 * 70, quarter, quarter, 1]);
         assert_eq!((counts.worth(2, None), counts.worth(1, None), counts.worth(1_000_000, None)), (3, 9, 1));

@@ -65,7 +65,7 @@ pub struct RunKey {
     pub frames: usize,
     /// A hash of the flags that a frame depends on.
     pub settings: String,
-    /// A hash of the scene and of the files that it names.
+    /// A hash of the scene, of the files that it names, and of those that are merged with it.
     pub scene: String,
 }
 
