@@ -4,8 +4,8 @@
 //! can stand before, behind and within the result. Here the other content is the sprite: at each pixel its colour is a layer
 //! of its own, at its own depth.
 //!
-//! *Practice.* Where every layer is drawn as a surface (shaded, transparent) content takes its place among them:
-//! [`blend_with`], or `layered` where there is shade in hollows or a section's outline too. The styles with lines draw what many pixels decide together, so their finished picture is composed by the
+//! *Practice.* Where every layer is drawn in its place, content takes its place among them: [`blend_with`], or `layered` where there
+//! are lines or shade too. A sketch looks its layers up beside their places, so its finished picture is composed by the
 //! depth of the nearest thing that it shows: [`compose`]. Content has one depth a pixel; it covers all samples of the pixel
 //! alike. Colours are linear and premultiplied while they are blended. At equal depth the result is in front.
 

@@ -49,21 +49,23 @@ pub fn styled_with(
     if contents.is_empty() {
         return styled(source, look, style, leaves, on_tile);
     }
-    match style.kind {
-        StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
-            if is_plain(style, leaves) {
-                surfaces_with(source, look, style, contents, on_tile)
-            } else {
-                layered(source, look, style, leaves.heavy, contents, on_tile)
-            }
-        }),
-        _ => {
-            const NOTHING: [f32; 4] = [0.0; 4];
-            let mut picture = styled(source, &Look { background: NOTHING, ..*look }, style, leaves, on_tile);
-            compose(&mut picture, contents, look.background);
-            picture
-        }
+    if style.kind == StyleKind::Sketchy {
+        const NOTHING: [f32; 4] = [0.0; 4];
+        let look_over_nothing = Look { background: NOTHING, ..*look };
+        // The ink that suits the paper is still that of the paper.
+        let mut inked = *style;
+        inked.lines.ink = Some(style.ink(look.background));
+        let mut picture = styled(source, &look_over_nothing, &inked, leaves, on_tile);
+        compose(&mut picture, contents, look.background);
+        return picture;
     }
+    prepared(source, style, leaves, |source| {
+        if is_plain(style, leaves) {
+            surfaces_with(source, look, style, contents, on_tile)
+        } else {
+            layered(source, look, style, leaves.heavy, contents, on_tile)
+        }
+    })
 }
 
 /// Whether pixels are drawn each by itself: as surfaces without shade in hollows, and without a section, whose outline is
