@@ -126,7 +126,7 @@ pub(super) fn draw<S: Simd>(
                     *bits |= 1 << lane;
                     let normal = leaf.world_from_normal * hit.normal;
                     hits.push(SolidHit {
-                        normal: normal.try_normalize().unwrap_or(-ray.dir.normalize()).as_vec3(),
+                        normal: normal.try_normalize().unwrap_or_else(|| -ray.dir.normalize()).as_vec3(),
                         is_drawn: leaf.is_drawn(origin + dir * hit.t),
                     });
                 }

@@ -54,8 +54,7 @@ pub(super) fn layered(
     let shader = Shader::new(&look.light, source.camera());
     let inks = Inks::new(style, look.background);
     let samples = source.samples();
-    let shade = style.occlusion.filter(|strength| style.kind == StyleKind::Shaded && *strength > 0.0);
-    let shade = shade.map(|strength| Shade::new(source.camera(), strength.min(1.0)));
+    let shade = style.hollow_shade().map(|strength| Shade::new(source.camera(), strength));
     from_strips(
         source,
         look,
@@ -224,7 +223,8 @@ impl Gathered {
     }
 }
 
-fn compose(
+/// The pixels of a tile: its layers, of the colours `surfaces`, under their `lines`.
+pub(super) fn compose(
     tile: &LayerTile,
     lines: &LineMaps,
     surfaces: &[[f32; 4]],

@@ -14,6 +14,8 @@
 //! only where the reach meets its limit. Each boundary is shaded by itself, before layers and samples are blended; what is
 //! asked is the nearest surface that is not clear.
 
+use fearless_simd::Level;
+use fearless_simd::prelude::*;
 use glam::Vec2;
 
 use super::facets::Slopes;
@@ -40,6 +42,7 @@ const _: () = assert!(REACH_PX[1] < TILE_SIDE as f32);
 
 /// Darkens surfaces where their neighbours hide the sky.
 pub(super) struct Shade {
+    level: Level,
     slopes: Slopes,
     strength: f32,
     /// By direction, the nearest ring first.
@@ -49,7 +52,7 @@ pub(super) struct Shade {
 impl Shade {
     /// For pictures of `camera`; at a `strength` of 1 a surface loses the share of its light that its sky loses.
     pub fn new(camera: &Camera, strength: f32) -> Self {
-        Self { slopes: Slopes::new(camera), strength, around: neighbours(camera) }
+        Self { level: Level::new(), slopes: Slopes::new(camera), strength, around: neighbours(camera) }
     }
 
     /// Darkens the lit colours of tile `index`, in the order of its boundaries.
@@ -59,32 +62,94 @@ impl Shade {
             return;
         }
         let depths = Depths::new(strip, index);
-        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
-            let (column, row) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-            let at = depths.index(column, row);
-            let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
-            for (boundary, lit) in tile.boundaries[of_pixel.clone()].iter().zip(&mut lit[of_pixel]) {
-                let step = Vec2::from(self.slopes.step(boundary.normal, tile.rect.x0 + column, tile.rect.y0 + row));
-                let per_footprint = self.slopes.px_per_unit(boundary.depth);
-                let mut hidden = 0.0;
-                for direction in &self.around {
-                    let mut highest = 0.0f32;
-                    for neighbour in direction {
-                        let there = depths.nearest[at.wrapping_add_signed(neighbour.offset)];
-                        let deeper = (there - boundary.depth) * per_footprint;
-                        let height = (step.dot(neighbour.at) - deeper) * neighbour.per_distance;
-                        // Of what may be another body a part counts, so that no border shows where it begins to be.
-                        let same = ((ANOTHER_BODY - height) / (ANOTHER_BODY - MAYBE_ANOTHER_BODY)).clamp(0.0, 1.0);
-                        highest = highest.max(same * height);
+        let across = tile.rect.width() as usize;
+        let mut layer = 0;
+        // The nearest boundaries of a row, then those behind them, and so on.
+        loop {
+            let mut deeper = false;
+            for (row, offsets) in tile.offsets[..tile.offsets.len() - 1].chunks_exact(across).enumerate() {
+                let y = tile.rect.y0 + row as u32;
+                let mut asking = Row::default();
+                let mut numbers = [usize::MAX; SIDE];
+                let mut any = false;
+                for (column, number) in numbers[..across].iter_mut().enumerate() {
+                    let pixel = row * across + column;
+                    let i = offsets[column] as usize + layer;
+                    if i >= tile.offsets[pixel + 1] as usize {
+                        continue;
                     }
-                    if highest > LEAST_HEIGHT {
-                        hidden += highest / (1.0 + highest * highest).sqrt();
+                    (any, *number) = (true, i);
+                    deeper |= i + 1 < tile.offsets[pixel + 1] as usize;
+                    let boundary = &tile.boundaries[i];
+                    let [right, down] = self.slopes.step(boundary.normal, tile.rect.x0 + column as u32, y);
+                    (asking.right[column], asking.down[column]) = (right, down);
+                    asking.depth[column] = boundary.depth;
+                    asking.px_per_unit[column] = self.slopes.px_per_unit(boundary.depth);
+                }
+                if any {
+                    let lights = self.lights(&asking, &depths, row as u32);
+                    for (number, light) in numbers.iter().zip(lights).filter(|(number, _)| **number != usize::MAX) {
+                        lit[*number][..3].iter_mut().for_each(|c| *c *= light);
                     }
                 }
-                let light = 1.0 - self.strength * hidden / self.around.len() as f32;
-                lit[..3].iter_mut().for_each(|c| *c *= light);
+            }
+            if !deeper {
+                break;
+            }
+            layer += 1;
+        }
+    }
+
+    /// The share of its light that each surface of row `row` of a tile keeps.
+    fn lights(&self, asking: &Row, depths: &Depths, row: u32) -> [f32; SIDE] {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lights_of(asking, depths, row)))
+    }
+
+    #[inline(always)]
+    fn lights_of(&self, asking: &Row, depths: &Depths, row: u32) -> [f32; SIDE] {
+        let first = depths.index(0, row);
+        let mut hidden = [0.0f32; SIDE];
+        for direction in &self.around {
+            let mut highest = [0.0f32; SIDE];
+            for neighbour in direction {
+                let there = first.wrapping_add_signed(neighbour.offset);
+                let there = &depths.nearest[there..there + SIDE];
+                let (ahead, below) = (neighbour.at.x, neighbour.at.y);
+                for column in 0..SIDE {
+                    let deeper = (there[column] - asking.depth[column]) * asking.px_per_unit[column];
+                    let plane = asking.right[column] * ahead + asking.down[column] * below;
+                    let height = (plane - deeper) * neighbour.per_distance;
+                    // Of what may be another body a part counts, so that no border shows where it begins to be.
+                    let same = (ANOTHER_BODY - height) * (1.0 / (ANOTHER_BODY - MAYBE_ANOTHER_BODY));
+                    let counted = same.min(1.0).max(0.0) * height;
+                    highest[column] = if counted > highest[column] { counted } else { highest[column] };
+                }
+            }
+            for column in 0..SIDE {
+                let height = highest[column];
+                let sine = height / (1.0 + height * height).sqrt();
+                hidden[column] += if height > LEAST_HEIGHT { sine } else { 0.0 };
             }
         }
+        hidden.map(|hidden| 1.0 - self.strength * hidden / DIRECTIONS as f32)
+    }
+}
+
+/// Pixels of a tile's row.
+const SIDE: usize = TILE_SIDE as usize;
+
+/// The surfaces of a row that ask for their sky.
+struct Row {
+    depth: [f32; SIDE],
+    px_per_unit: [f32; SIDE],
+    /// The tangent plane's steps.
+    right: [f32; SIDE],
+    down: [f32; SIDE],
+}
+
+impl Default for Row {
+    fn default() -> Self {
+        Self { depth: [0.0; SIDE], px_per_unit: [0.0; SIDE], right: [0.0; SIDE], down: [0.0; SIDE] }
     }
 }
 

@@ -361,6 +361,8 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
     // Most pixels show one opaque surface: those are lit several at a time.
     let all = u16::MAX >> (MAX_SAMPLES - samples);
     let mut batch = Batch::default();
+    // Of all boundaries, where some pixels need more than one.
+    let mut lit: Option<Vec<[f32; 4]>> = None;
     for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
         for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
             let boundaries = tile.at(x, y);
@@ -373,13 +375,49 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
                     shader.light(&mut batch, &mut pixels);
                 }
             } else {
-                let towards_eye = shader.towards_eye(x, y);
-                pixels[index] = blend(boundaries, samples, background, |boundary| shader.lit(boundary, towards_eye));
+                let lit = lit.get_or_insert_with(|| shader.lit_tile(tile));
+                let of_pixel = tile.offsets[index] as usize..tile.offsets[index + 1] as usize;
+                pixels[index] = if samples == 1 {
+                    blend_one(&lit[of_pixel], background)
+                } else {
+                    let mut colours = lit[of_pixel].iter();
+                    // `blend` may stop early or leave out boundaries, but asks in order.
+                    let mut next = boundaries.iter();
+                    blend(boundaries, samples, background, |boundary| {
+                        let number = next.by_ref().position(|b| std::ptr::eq(b, boundary)).unwrap_or(0);
+                        colours.nth(number).map_or([0.0; 3], |&[r, g, b, _]| [r, g, b])
+                    })
+                };
             }
         }
     }
     shader.light(&mut batch, &mut pixels);
     Blended { pixels, covered }
+}
+
+/// One pixel of one sample: lit colours with their opacities, front to back over `background`. Linear, straight alpha.
+fn blend_one(lit: &[[f32; 4]], background: [f32; 4]) -> [f32; 4] {
+    let (mut light, mut through) = ([0.0; 3], 1.0);
+    for &[r, g, b, opacity] in lit {
+        let weight = through * opacity;
+        light = [light[0] + weight * r, light[1] + weight * g, light[2] + weight * b];
+        through *= 1.0 - opacity;
+        if through <= 0.0 {
+            break;
+        }
+    }
+    over(light, through, background)
+}
+
+/// Premultiplied `light` over `background`, of which it lets a share `through`: linear RGB, straight alpha.
+fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
+    let [r, g, b, a] = background;
+    let alpha = (1.0 - through) + through * a;
+    if !(alpha > 0.0) {
+        return [0.0; 4];
+    }
+    let mix = |light: f32, behind: f32| (light + through * a * behind) / alpha;
+    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
 }
 
 /// One pixel: the mean over its samples, each blended front to back over `background`. Linear, straight alpha.
@@ -419,13 +457,7 @@ pub fn blend(
     }
     let count = samples as f32;
     let through = transmitted[..samples as usize].iter().sum::<f32>() / count;
-    let [r, g, b, a] = background;
-    let alpha = (1.0 - through) + through * a;
-    if !(alpha > 0.0) {
-        return [0.0; 4];
-    }
-    let mix = |light: f32, behind: f32| (light / count + through * a * behind) / alpha;
-    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
+    over(light.map(|c| c / count), through, background)
 }
 
 #[cfg(test)]

@@ -37,6 +37,11 @@ pub fn styled(
     })
 }
 
+/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
+fn is_plain(style: &Style, leaves: Leaves) -> bool {
+    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
+}
+
 /// As [`styled`], composed with other content by depth.
 pub fn styled_with(
     source: &dyn LayerSource,

@@ -205,6 +205,12 @@ impl Style {
         Self { occlusion, ..self }
     }
 
+    /// How dark hollows are, above 0 to 1, where the style shows them.
+    pub fn hollow_shade(&self) -> Option<f32> {
+        let strength = self.occlusion.filter(|strength| self.kind == StyleKind::Shaded && *strength > 0.0);
+        strength.map(|strength| strength.min(1.0))
+    }
+
     /// Whether deeper layers than the nearest opaque one show.
     pub fn needs_all_layers(&self) -> bool {
         self.kind != StyleKind::Shaded

@@ -107,6 +107,9 @@ impl Solid {
         hits.clear();
         let Some((line, t_of_middle, unit)) = self.near_line(origin, dir) else { return };
         self.intersect_near(line, unit, hits);
+        if hits.is_empty() {
+            return;
+        }
         let per_unit = 1.0 / dir.length();
         for hit in hits {
             hit.t = t_of_middle + hit.t * per_unit;
