@@ -223,8 +223,7 @@ impl Gathered {
     }
 }
 
-/// The pixels of a tile: its layers, of the colours `surfaces`, under their `lines`.
-pub(super) fn compose(
+fn compose(
     tile: &LayerTile,
     lines: &LineMaps,
     surfaces: &[[f32; 4]],

@@ -37,11 +37,6 @@ pub fn styled(
     })
 }
 
-/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
-fn is_plain(style: &Style, leaves: Leaves) -> bool {
-    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
-}
-
 /// As [`styled`], composed with other content by depth.
 pub fn styled_with(
     source: &dyn LayerSource,
@@ -73,14 +68,9 @@ pub fn styled_with(
     })
 }
 
-/// Whether pixels are drawn each by itself: as surfaces without shade in hollows, and without a section, whose outline is
-/// drawn in every style.
+/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
 fn is_plain(style: &Style, leaves: Leaves) -> bool {
-    let is_shaded_in_hollows =
-        style.kind == StyleKind::Shaded && style.occlusion.is_some_and(|strength| strength > 0.0);
-    matches!(style.kind, StyleKind::Shaded | StyleKind::Transparent)
-        && !is_shaded_in_hollows
-        && !leaves.heavy.contains(&true)
+    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 
 /// Calls `draw` with `source` as `style` and `leaves` change it.
