@@ -38,10 +38,13 @@ const SECTION: &str =
 fn a_section_cuts_the_result_and_hatches_each_leaf_in_its_own_direction() {
     let directory = tempfile::tempdir().unwrap();
     let here = directory.path();
-    // The section is not in the expression: it cuts it.
-    scene(here, "a.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}{SECTION}"));
     scene(here, "b.toml", &format!("csg = '(outer - hole) | core'\n{PARTS}"));
-    for pipeline in ["--pipeline splat", "--pipeline mesh", "--pipeline reference", "--represent outer=surfels"] {
+    let pipelines = ["--pipeline splat", "--pipeline mesh", "--pipeline reference", "--represent outer=surfels"];
+    // With a gap between the parts, and without.
+    let expressions = ["(outer - hole) | core", "(outer - core) | core", "core | (outer - core)"];
+    for (csg, pipeline) in expressions.into_iter().flat_map(|csg| pipelines.map(|pipeline| (csg, pipeline))) {
+        // The section is not in the expression: it cuts it.
+        scene(here, "a.toml", &format!("csg = '{csg}'\n{PARTS}{SECTION}"));
         run(here, &format!("render a.toml {pipeline} -o a.png --overwrite"));
         let cut = picture(here, "a.png");
         // Dark pixels with a dark neighbour up right, or up left: lines that rise, lines that fall.
@@ -56,9 +59,9 @@ fn a_section_cuts_the_result_and_hatches_each_leaf_in_its_own_direction() {
         };
         // The core is a square of 40 pixels in the middle; the ball reaches 48 pixels up.
         let (core, outer) = (slants(64..96, 44..76), slants(64..96, 20..36));
-        assert!(core[0] + core[1] > 20 && outer[0] + outer[1] > 10, "{pipeline}: {core:?} {outer:?}");
-        assert!((core[0] > 4 * core[1]) != (outer[0] > 4 * outer[1]), "{pipeline}: {core:?} {outer:?}");
-        assert!((4 * core[0] < core[1]) != (4 * outer[0] < outer[1]), "{pipeline}: {core:?} {outer:?}");
+        assert!(core[0] + core[1] > 20 && outer[0] + outer[1] > 10, "{csg} {pipeline}: {core:?} {outer:?}");
+        assert!((core[0] > 4 * core[1]) != (outer[0] > 4 * outer[1]), "{csg} {pipeline}: {core:?} {outer:?}");
+        assert!((4 * core[0] < core[1]) != (4 * outer[0] < outer[1]), "{csg} {pipeline}: {core:?} {outer:?}");
     }
     // Without a section the ball hides the core and has no lines.
     run(here, "render b.toml -o b.png");
@@ -109,6 +112,62 @@ fn a_merged_picture_is_the_scene_that_holds_both() {
 }
 
 #[test]
+fn merging_changes_nothing_where_the_other_picture_is_empty() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    let head =
+        "size = [96, 80]\n[camera]\neye = [3, -5, 2]\ntarget = [0, 0, 0]\nfov_y = 30\n[light]\ntowards = [1, -1, 1]\n";
+    let ball = "[leaf.ball]\nsphere = { centre = [0, 0, 0], radius = 0.8 }\n";
+    let dent = "[leaf.dent]\nsphere = { centre = [0.5, -0.6, 0.4], radius = 0.4 }\n";
+    let cut = "[leaf.cut]\nhalf_space = { point = [0, 0, 0.3], normal = [0, 0, 1] }\nsection = true\n";
+    // To the right of the ball.
+    let bead = "[leaf.bead]\nsphere = { centre = [1.2, 0.72, 0], radius = 0.2 }\n";
+    scene(here, "dented.toml", &format!("csg = 'ball - dent'\n{head}{ball}{dent}"));
+    scene(here, "section.toml", &format!("csg = 'ball - dent'\n{head}{ball}{dent}{cut}"));
+    scene(here, "bead.toml", &format!("{head}{bead}"));
+    scene(here, "nothing.toml", &format!("csg = 'ball & bead'\n{head}{ball}{bead}"));
+    for name in ["bead", "nothing"] {
+        run(here, &format!("render {name}.toml -o {name}.exr --background transparent"));
+    }
+    let size = (96, 80);
+    let bead = surfcut::formats::depth_picture::read(&here.join("bead.exr"), size).unwrap();
+    let is_bead = |x: u32, y: u32| bead.depth[(y * size.0 + x) as usize].is_finite();
+    let differing = |alone: &RgbImage, is_counted: &dyn Fn(u32, u32) -> bool| {
+        let merged = picture(here, "merged.png");
+        // A finished sketch is blended once more, which rounds.
+        let differs = |a: &image::Rgb<u8>, b: &image::Rgb<u8>| (0..3).any(|k| a[k].abs_diff(b[k]) > 1);
+        merged.enumerate_pixels().filter(|(x, y, p)| is_counted(*x, *y) && differs(p, alone.get_pixel(*x, *y))).count()
+    };
+    for drawing in [
+        "dented.toml",
+        "dented.toml --occlusion 0.9",
+        "dented.toml --occlusion 0.9 --samples 4",
+        "section.toml",
+        "dented.toml --style transparent",
+        "dented.toml --style blueprint",
+        "dented.toml --style edge-transparent",
+        "dented.toml --style sketchy",
+    ] {
+        run(here, &format!("render {drawing} -o alone.png --overwrite"));
+        run(here, &format!("render {drawing} --merge nothing.exr -o merged.png --overwrite"));
+        let alone = picture(here, "alone.png");
+        assert_eq!(differing(&alone, &|_, _| true), 0, "{drawing}");
+        run(here, &format!("render {drawing} --merge bead.exr -o merged.png --overwrite"));
+        assert_eq!(differing(&alone, &|x, y| !is_bead(x, y)), 0, "{drawing}");
+        assert!(differing(&alone, &is_bead) > 30, "{drawing}");
+    }
+    // The shade is there at all.
+    run(here, "render dented.toml -o flat.png");
+    run(here, "render dented.toml --occlusion 0.9 -o shaded.png");
+    assert_ne!(picture(here, "flat.png"), picture(here, "shaded.png"));
+    // What is merged does not hide that the result is empty.
+    for style in ["shaded", "blueprint", "sketchy"] {
+        let told = run(here, &format!("render nothing.toml --style {style} --merge bead.exr -o empty_{style}.png"));
+        assert!(told.contains("the picture is empty"), "{style}: {told}");
+    }
+}
+
+#[test]
 fn layers_with_few_pixels_are_left_out_and_told() {
     let directory = tempfile::tempdir().unwrap();
     let here = directory.path();
@@ -133,7 +192,15 @@ fn layers_with_few_pixels_are_left_out_and_told() {
     let share = json["shares"]["pixels_left_out"].as_f64().unwrap();
     // The third ball has a quarter of the first one's radius.
     assert!((share - 1.0 / 16.0).abs() < 0.01, "{share}");
-    run(here, "render row.toml --style transparent --max-layers 4 -o four.png -o four.exr");
+    // A limit by number says the same, with layers in a file or without.
+    let tail = "% of all boundaries are left out";
+    let said = |told: &str| told.lines().find(|line| line.ends_with(tail)).unwrap_or_default().to_owned();
+    for outputs in ["-o four.png -o four.exr", "-o other.png"] {
+        let limited = run(here, &format!("render row.toml --style transparent --max-layers 4 {outputs}"));
+        assert_eq!(said(&limited), said(&told), "{limited}");
+    }
+    // The shaded picture of opaque leaves shows one layer in any case.
+    assert_eq!(said(&run(here, "render row.toml --layers nearest --max-layers 4 -o nearest.png")), "");
     assert_eq!(picture(here, "few.png"), picture(here, "four.png"));
     assert_eq!(fs::read(here.join("few.exr")).unwrap(), fs::read(here.join("four.exr")).unwrap());
     run(here, "render row.toml --style transparent -o all.png");

@@ -147,6 +147,26 @@ fn keyframes_move_leaves_and_the_camera_alike_in_every_pipeline() {
 }
 
 #[test]
+fn a_sequence_is_not_gone_on_with_when_what_it_is_merged_with_has_changed() {
+    let directory = with_scene(SCENE);
+    let here = directory.path();
+    let other = |radius: f64| {
+        let line =
+            format!("render sphere:1,0,0,{radius} --size 48x40 --turntable 2 -o other_{{frame}}.exr --overwrite");
+        run(here, &line);
+    };
+    let merged = "render cut.toml --size 48x40 --turntable 2 --merge other_{frame}.exr -o a_{frame}.png";
+    other(0.5);
+    run(here, merged);
+    // The same again has nothing to do.
+    assert!(run(here, merged).contains("2 of 2 frames are there already"));
+    other(0.7);
+    let refused = surfcut(here, merged);
+    assert_eq!(refused.status.code(), Some(4), "{}", text(&refused));
+    assert!(text(&refused).contains("was begun"), "{}", text(&refused));
+}
+
+#[test]
 fn films_leave_nothing_behind() {
     let directory = with_scene(&format!("{SCENE}{KEYFRAMES}"));
     let here = directory.path();
@@ -168,6 +188,7 @@ fn sequences_that_cannot_be_are_refused_with_the_way_out() {
         ("render cut.toml --animate --turntable 4", 2, "cannot be used with"),
         ("render cut.toml --turntable 4 --fps 0", 2, "0.01"),
         ("render cut.toml --turntable 4 --merge other.exr -o a.gif", 2, "{frame}"),
+        ("render cut.toml --turntable 4 --dump-maps maps -o a.gif", 2, "--dump-maps"),
         ("render cut.toml --turntable 4 --merge other_{frame}.exr -o a.gif", 3, "other_0000.exr"),
     ] {
         let output = surfcut(here, line);

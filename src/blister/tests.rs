@@ -133,7 +133,9 @@ fn meshes_under_every_operator_are_the_judge_s() {
         leaf(2, mesh(ball_mesh(1)), mirrored),
     ];
     for camera in &cameras() {
-        for expression in ["a", "a - b", "a | b | c", "a & b - c", "(a - b) | (b - a)", "!(a | b)", "c - a - b"] {
+        for expression in
+            ["a", "a - b", "a | b | c", "a & b - c", "(a - b) | (b - a)", "((a - b) | b) - c", "!(a | b)", "c - a - b"]
+        {
             let covered = check(&leaves, expression, camera);
             assert!(covered > 20, "{expression}: only {covered} pixels are covered");
         }

@@ -6,7 +6,8 @@
 //! (positive before complemented), then the least index. The reference renderer obeys the same rule in code of its own.
 //!
 //! The *body* is the owner if it goes the result's way. Else the owner cuts, and the body is the first leaf that the result
-//! just inside could not do without.
+//! just inside could not do without: that fails where the leaf's uncomplemented occurrences are out. Its complemented ones
+//! stay as they are, so that within `b` the body of `(a - b) | b` is `b`.
 
 use crate::csg::Shrunk;
 use crate::csg::flat::SLOTS_A_WORD;
@@ -79,18 +80,22 @@ impl Judge {
     fn find_body(&mut self, shrunk: &Shrunk, inside: &State) -> Option<u32> {
         let slots = shrunk.slots().len() as u32;
         let within: Vec<u32> = (0..slots).filter(|&slot| is_inside(inside, slot)).collect();
-        if let Some(needed) = within.iter().find(|&&slot| !self.eval_turned(shrunk, inside, slot)) {
-            return Some(*needed);
+        let mut gone = vec![0; inside.len()];
+        for &slot in &within {
+            turn(&mut gone, slot);
+            if !shrunk.eval_without(inside, &gone, &mut self.scratch) {
+                return Some(slot);
+            }
+            turn(&mut gone, slot);
         }
         // The result could do without any one of them (a union of overlapping leaves): take them away from the last on, as
         // long as the result holds; the first of those left.
-        let mut left = inside.to_vec();
         for &slot in within.iter().rev() {
-            turn(&mut left, slot);
-            if !self.eval(shrunk, &left) {
-                turn(&mut left, slot);
+            turn(&mut gone, slot);
+            if !shrunk.eval_without(inside, &gone, &mut self.scratch) {
+                turn(&mut gone, slot);
             }
         }
-        (0..slots).find(|&slot| is_inside(&left, slot))
+        within.into_iter().find(|&slot| !is_inside(&gone, slot))
     }
 }

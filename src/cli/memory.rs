@@ -31,14 +31,13 @@ impl Held {
         bytes_per_pixel: 2 * (STACK + size_of::<Option<Boundary>>() as u64 + PICTURE) + 3 * size_of::<f64>() as u64,
     };
 
-    /// A picture in `style`, composed with `merged` others, and the file that it becomes: a PNG, or with its layers an EXR.
-    pub fn picture(style: &Style, with_layers: bool, merged: usize) -> Self {
+    /// A picture and its depths (all but the plainest keep them), composed with `merged` others, and the file that it becomes:
+    /// a PNG, or with its layers an EXR.
+    pub fn picture(with_layers: bool, merged: usize) -> Self {
         const RGBA_BYTES: u64 = 4;
         // An EXR has ten 32-bit channels a layer.
         let file = if with_layers { STACK + 10 * size_of::<f32>() as u64 } else { 2 * RGBA_BYTES };
-        // Lines and merged pictures may be nearer than the nearest layer, so their depths are kept.
-        let depth = if style.kind.has_lines() || merged > 0 { DEPTH } else { 0 };
-        Self { bytes_per_pixel: PICTURE + file + depth + merged as u64 * (PICTURE + DEPTH) }
+        Self { bytes_per_pixel: (1 + merged as u64) * (PICTURE + DEPTH) + file }
     }
 
     /// The maps of `layers` layers in `style`, beside what is held already.
@@ -79,9 +78,8 @@ mod tests {
         let scene = Scene::of_operand("sphere:0,0,0,1").unwrap();
         let camera = surfcut::scene::load(scene, &Default::default(), &surfcut::formats::NoProgress);
         let mut camera = camera.unwrap().camera().unwrap();
-        let (plain, sketchy) = (Style::of(StyleKind::Shaded), Style::of(StyleKind::Sketchy));
-        let pictures =
-            [Held::picture(&plain, false, 0), Held::picture(&plain, true, 0), Held::picture(&sketchy, false, 2)];
+        let sketchy = Style::of(StyleKind::Sketchy);
+        let pictures = [Held::picture(false, 0), Held::picture(true, 0), Held::picture(false, 2)];
         for held in pictures.into_iter().chain([Held::COMPARISON, Held::maps(&sketchy, 3)]) {
             (camera.width, camera.height) = (64, 64);
             check(&camera, held).unwrap();
@@ -94,11 +92,10 @@ mod tests {
 
     #[test]
     fn what_joins_a_picture_counts() {
-        let (plain, sketchy) = (Style::of(StyleKind::Shaded), Style::of(StyleKind::Sketchy));
-        let bytes = |style: &Style, merged: usize| Held::picture(style, false, merged).bytes_per_pixel;
-        // Four channels and a depth for each merged picture, one depth for the picture itself.
-        assert_eq!(bytes(&plain, 2) - bytes(&plain, 0), 2 * 20 + 4);
-        assert_eq!(bytes(&sketchy, 0) - bytes(&plain, 0), 4);
+        // Four channels and a depth for each picture.
+        let bytes = |merged: usize| Held::picture(false, merged).bytes_per_pixel;
+        assert_eq!((bytes(2) - bytes(0), bytes(0)), (2 * 20, 20 + 8));
+        let sketchy = Style::of(StyleKind::Sketchy);
         // Two depths and five colours a layer.
         let of_maps = |layers: usize| Held::maps(&sketchy, layers).bytes_per_pixel;
         assert_eq!(of_maps(5) - of_maps(4), 2 * 4 + 5 * 3);

@@ -50,7 +50,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
-    memory::check(&camera, Held::picture(&style, wants_layers, args.view.merge.len()))?;
+    memory::check(&camera, Held::picture(wants_layers, args.view.merge.len()))?;
     // Maps show every layer, whatever the style draws.
     let frame = frame_args(&args.view, &loaded, &style, wants_layers || args.style.dump_maps.is_some());
     describe(args, &camera, frame, &style, &loaded, &mut report);

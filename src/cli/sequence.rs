@@ -64,7 +64,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     // Surfels are made for the camera that sees most of them.
     let closest = closest(&shots, &loaded);
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
-    memory::check(&closest.camera, Held::picture(&style, wants_layers, merged.len()))?;
+    memory::check(&closest.camera, Held::picture(wants_layers, merged.len()))?;
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &closest.camera, frame, &style, &loaded, &mut report);
     let missing: Vec<usize> = (0..shots.len()).filter(|&frame| targets.lacks(frame)).collect();

@@ -19,6 +19,7 @@
 //! of the pixel.
 
 use super::Look;
+use super::merge::{Content, Contents};
 use super::occlusion::Shade;
 use super::picture::Picture;
 use super::shaded::{Shader, blend_one, over};
@@ -40,12 +41,14 @@ pub(super) struct Composed {
     pub covered: u64,
 }
 
-/// Draws the layers of `source` with their lines. `heavy` says by leaf whether its outline is drawn stronger.
+/// Draws the layers of `source` with their lines, `contents` among them. `heavy` says by leaf whether its outline is drawn
+/// stronger.
 pub(super) fn layered(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     heavy: &[bool],
+    contents: &Contents,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let shader = Shader::new(&look.light, source.camera());
@@ -66,7 +69,7 @@ pub(super) fn layered(
             if let Some(shade) = &shade {
                 shade.darken(strip, index, &mut surfaces);
             }
-            compose(tile, &lines, &surfaces, samples, &inks, look.background)
+            compose(tile, &lines, &surfaces, samples, &inks, contents, look.background)
         },
     )
 }
@@ -176,6 +179,19 @@ impl Gathered {
         self.strength *= inks.kept;
     }
 
+    /// Adds what another picture shows, which is no layer and has no ink.
+    fn add_content(&mut self, content: &Content) {
+        let [r, g, b, alpha] = content.colour;
+        let bare = self.transmitted();
+        for (light, c) in self.light.iter_mut().zip([r, g, b]) {
+            *light += bare * c;
+        }
+        if self.depth == f32::INFINITY && alpha > 0.0 {
+            self.depth = content.depth;
+        }
+        self.through *= 1.0 - alpha;
+    }
+
     /// Whether nothing deeper shows.
     #[inline]
     pub fn is_opaque(&self) -> bool {
@@ -196,19 +212,19 @@ impl Gathered {
     }
 }
 
-/// The pixels of a tile: its layers, of the colours `surfaces`, under their `lines`.
-pub(super) fn compose(
+fn compose(
     tile: &LayerTile,
     lines: &LineMaps,
     surfaces: &[[f32; 4]],
     samples: u32,
     inks: &Inks,
+    contents: &Contents,
     background: [f32; 4],
 ) -> Composed {
     let area = tile.rect.area();
     let (mut pixels, mut depth) = (vec![background; area], vec![f32::INFINITY; area]);
     let mut covered = 0;
-    if tile.boundaries.is_empty() && lines.len() == 0 {
+    if tile.boundaries.is_empty() && lines.len() == 0 && contents.is_empty() {
         return Composed { pixels, depth, covered };
     }
     if lines.len() == 0 && samples == 1 {
@@ -226,19 +242,26 @@ pub(super) fn compose(
     let ink_at = |layer: usize, pixel: usize| {
         lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]))
     };
+    let mut found = Vec::new();
     for pixel in 0..area {
         let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
         covered += u64::from(from < to);
-        if from == to && (0..lines.len()).all(|layer| ink_at(layer, pixel).0 == 0.0) {
+        let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
+        contents.at(tile.rect.x0 + x, tile.rect.y0 + y, &mut found);
+        if from == to && found.is_empty() && (0..lines.len()).all(|layer| ink_at(layer, pixel).0 == 0.0) {
             continue;
         }
         let (mut light, mut through) = ([0.0; 3], 0.0);
         for sample in 0..samples {
             let mut gathered = Gathered::new();
             let mut layer = 0;
+            let mut waiting = found.iter().peekable();
             for (boundary, &[r, g, b, a]) in tile.boundaries[from..to].iter().zip(&surfaces[from..to]) {
                 if samples > 1 && boundary.samples >> sample & 1 == 0 {
                     continue;
+                }
+                while let Some(content) = waiting.next_if(|content| content.depth < boundary.depth) {
+                    gathered.add_content(content);
                 }
                 let (ink, ink_depth) = ink_at(layer, pixel);
                 gathered.add(inks, ink, ink_depth, [a * r, a * g, a * b, a], boundary.depth);
@@ -250,9 +273,13 @@ pub(super) fn compose(
             // Lines stand half a width over the border of their surface.
             while layer < lines.len() && !gathered.is_opaque() {
                 let (ink, ink_depth) = ink_at(layer, pixel);
+                while let Some(content) = waiting.next_if(|content| content.depth < ink_depth && ink > 0.0) {
+                    gathered.add_content(content);
+                }
                 gathered.add(inks, ink, ink_depth, [0.0; 4], f32::INFINITY);
                 layer += 1;
             }
+            waiting.for_each(|content| gathered.add_content(content));
             (0..3).for_each(|c| light[c] += gathered.light[c]);
             through += gathered.transmitted();
             depth[pixel] = depth[pixel].min(gathered.depth);

@@ -4,16 +4,15 @@
 //! can stand before, behind and within the result. Here the other content is the sprite: at each pixel its colour is a layer
 //! of its own, at its own depth.
 //!
-//! *Practice.* Where every layer is drawn as a surface (shaded, transparent) content takes its place among them:
-//! [`blend_with`]. The styles with lines draw what many pixels decide together, so their finished picture is composed by the
+//! *Practice.* Where every layer is drawn in its place, content takes its place among them: [`blend_with`], or `layered` where there
+//! are lines or shade too. A sketch looks its layers up beside their places, so its finished picture is composed by the
 //! depth of the nearest thing that it shows: [`compose`]. Content has one depth a pixel; it covers all samples of the pixel
 //! alike. Colours are linear and premultiplied while they are blended. At equal depth the result is in front.
 
 use rayon::prelude::*;
 
 use super::Look;
-use super::layered::{Inks, compose as compose_layers, from_strips};
-use super::occlusion::Shade;
+use super::layered::{Composed, from_strips};
 use super::picture::Picture;
 use super::shaded::{Shader, blend_tile};
 use crate::formats::depth_picture::DepthPicture;
@@ -134,58 +133,44 @@ impl Contents {
     }
 }
 
-/// Draws the layers of `source` as surfaces, with `contents` among them; hollows are darkened and leaves that are `heavy` outlined,
-/// unless the style `is_plain`. Where the contents show nothing, the picture is what it is without them, to the last bit. `on_tile`
-/// is called once for each tile.
+/// Draws the layers of `source` as surfaces, with `contents` among them. Where the contents show nothing, the picture is what it is without them, to the last bit. `on_tile` is called once for each tile.
 pub(super) fn surfaces_with(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     contents: &Contents,
-    heavy: &[bool],
-    is_plain: bool,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let (shader, samples) = (Shader::new(&look.light, source.camera()), source.samples());
-    let inks = Inks::new(style, look.background);
-    let shade = style.hollow_shade().map(|strength| Shade::new(source.camera(), strength));
     from_strips(
         source,
         look,
         style,
-        heavy,
+        &[],
         on_tile,
         |_| (),
         |strip, (), index| {
             let tile = &strip.tiles[index];
-            let mut lit = shader.lit_tile(tile);
-            if let Some(shade) = &shade {
-                shade.darken(strip, index, &mut lit);
-            }
-            // 1. The tile without the contents.
-            let lines = strip.lines(index, tile.rect, false);
-            let mut composed = compose_layers(tile, &lines, &lit, samples, &inks, look.background);
-            if is_plain {
-                composed.pixels = blend_tile(tile, samples, &shader, look.background).pixels;
-            }
-            // 2. Pixels with contents anew.
-            let mut found = Vec::new();
-            for pixel in 0..tile.rect.area() {
+            let blended = blend_tile(tile, samples, &shader, look.background);
+            let mut pixels = blended.pixels;
+            let (mut depth, mut found) = (Vec::with_capacity(pixels.len()), Vec::new());
+            for (pixel, shown) in pixels.iter_mut().enumerate() {
                 let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-                contents.at(tile.rect.x0 + x, tile.rect.y0 + y, &mut found);
+                let (x, y) = (tile.rect.x0 + x, tile.rect.y0 + y);
+                let boundaries = tile.at(x, y);
+                contents.at(x, y, &mut found);
                 if found.is_empty() {
+                    let nearest = boundaries.iter().find(|boundary| boundary.opacity > 0.0);
+                    depth.push(nearest.map_or(f32::INFINITY, |boundary| boundary.depth));
                     continue;
                 }
-                let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                let (boundaries, lit) = (&tile.boundaries[of_pixel.clone()], &lit[of_pixel]);
-                let colour = |boundary: &Boundary| {
-                    let number = boundaries.iter().position(|b| std::ptr::eq(b, boundary)).unwrap_or(0);
-                    [lit[number][0], lit[number][1], lit[number][2]]
-                };
-                let (shown, nearest) = blend_with(boundaries, &found, samples, look.background, colour);
-                (composed.pixels[pixel], composed.depth[pixel]) = (shown, nearest);
+                let towards_eye = shader.towards_eye(x, y);
+                let lit = |boundary: &Boundary| shader.lit(boundary, towards_eye);
+                let (colour, nearest) = blend_with(boundaries, &found, samples, look.background, lit);
+                *shown = colour;
+                depth.push(nearest);
             }
-            composed
+            Composed { pixels, depth, covered: blended.covered }
         },
     )
 }

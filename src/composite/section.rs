@@ -268,6 +268,21 @@ mod tests {
     }
 
     #[test]
+    fn a_moved_section_takes_its_lines_along() {
+        let rotation = DQuat::from_rotation_x(0.7);
+        let motion = Motion { scale: 2.0, rotation, translation: DVec3::new(0.1, 0.2, 0.3) };
+        let moved = hatching().moved(|leaf| if leaf == LeafId(2) { motion } else { Motion::REST });
+        let (before, after) = (plane(), moved.section(2).unwrap());
+        assert!(after.point.distance(motion.point(before.point)) < 1e-12);
+        // A vector in the plane is still in it.
+        for in_plane in [DVec3::X, DVec3::Z] {
+            assert!(motion.vector(in_plane).dot(after.normal).abs() < 1e-12);
+        }
+        assert!((after.normal.length() - 1.0).abs() < 1e-12 && after.spacing == before.spacing);
+        assert_eq!(hatching().moved(|_| Motion::REST), hatching());
+    }
+
+    #[test]
     fn a_pixels_ink_is_its_share_of_the_lines_at_any_distance() {
         let hatching = hatching();
         let mean = |pixel: f64| {

@@ -31,15 +31,10 @@ pub fn styled(
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     prepared(source, style, leaves, |source| match style.kind {
-        StyleKind::Shaded | StyleKind::Transparent if is_plain(style, leaves) => shaded(source, look, on_tile),
+        _ if is_plain(style, leaves) => shaded(source, look, on_tile),
         StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
-        _ => layered(source, look, style, leaves.heavy, on_tile),
+        _ => layered(source, look, style, leaves.heavy, &Contents::default(), on_tile),
     })
-}
-
-/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
-fn is_plain(style: &Style, leaves: Leaves) -> bool {
-    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 
 /// As [`styled`], composed with other content by depth.
@@ -54,17 +49,28 @@ pub fn styled_with(
     if contents.is_empty() {
         return styled(source, look, style, leaves, on_tile);
     }
-    match style.kind {
-        StyleKind::Shaded | StyleKind::Transparent => prepared(source, style, leaves, |source| {
-            surfaces_with(source, look, style, contents, leaves.heavy, is_plain(style, leaves), on_tile)
-        }),
-        _ => {
-            const NOTHING: [f32; 4] = [0.0; 4];
-            let mut picture = styled(source, &Look { background: NOTHING, ..*look }, style, leaves, on_tile);
-            compose(&mut picture, contents, look.background);
-            picture
-        }
+    if style.kind == StyleKind::Sketchy {
+        const NOTHING: [f32; 4] = [0.0; 4];
+        let look_over_nothing = Look { background: NOTHING, ..*look };
+        // The ink that suits the paper is still that of the paper.
+        let mut inked = *style;
+        inked.lines.ink = Some(style.ink(look.background));
+        let mut picture = styled(source, &look_over_nothing, &inked, leaves, on_tile);
+        compose(&mut picture, contents, look.background);
+        return picture;
     }
+    prepared(source, style, leaves, |source| {
+        if is_plain(style, leaves) {
+            surfaces_with(source, look, style, contents, on_tile)
+        } else {
+            layered(source, look, style, leaves.heavy, contents, on_tile)
+        }
+    })
+}
+
+/// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
+fn is_plain(style: &Style, leaves: Leaves) -> bool {
+    !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 
 /// Calls `draw` with `source` as `style` and `leaves` change it.

@@ -114,9 +114,14 @@ impl Blist {
 
     /// Whether a point is inside the result. Asks only for leaves that still matter, each occurrence at most once.
     pub fn eval(&self, mut inside: impl FnMut(LeafId) -> bool) -> bool {
+        self.eval_occurrences(|literal| inside(literal.leaf))
+    }
+
+    /// As [`eval`](Self::eval), told for each occurrence of a leaf whether the point is inside the *leaf*.
+    pub fn eval_occurrences(&self, mut inside: impl FnMut(Literal) -> bool) -> bool {
         let mut entry = &self.entries[0];
         loop {
-            match entry.jump(inside(entry.leaf())) {
+            match entry.jump(inside(entry.literal)) {
                 Jump::Entry(next) => entry = &self.entries[next as usize],
                 Jump::In => return true,
                 Jump::Out => return false,

@@ -378,12 +378,31 @@ impl Shrunk {
     /// # Panics
     /// Unless [`keep`](Self::keep) returned [`Kept::Open`] and `state` has all words.
     pub fn eval(&self, state: &[u32], scratch: &mut Vec<bool>) -> bool {
+        self.eval_with(scratch, |literals| state[literals.word as usize])
+    }
+
+    /// As [`eval`](Self::eval), where the uncomplemented occurrences of the slots in `gone` are out. Complemented ones are
+    /// what `state` says.
+    ///
+    /// # Panics
+    /// As [`eval`](Self::eval); and unless `gone` has all words.
+    pub fn eval_without(&self, state: &[u32], gone: &[u32], scratch: &mut Vec<bool>) -> bool {
+        let left = |literals: &Literals| {
+            let word = literals.word as usize;
+            state[word] & !(gone[word] & !literals.negated)
+        };
+        self.eval_with(scratch, left)
+    }
+
+    /// The result, where `inside` tells for the literals of a word which of their leaves the point is inside of.
+    #[inline(always)]
+    fn eval_with(&self, scratch: &mut Vec<bool>, inside: impl Fn(&Literals) -> u32) -> bool {
         scratch.clear();
         scratch.extend(self.nodes.iter().map(|node| node.is_and));
         for (i, node) in self.nodes.iter().enumerate() {
             let mut value = scratch[i];
             for literals in &self.literals[node.first as usize..node.end as usize] {
-                let holds = (state[literals.word as usize] ^ literals.negated) & literals.mask;
+                let holds = (inside(literals) ^ literals.negated) & literals.mask;
                 value = if node.is_and { value & (holds == literals.mask) } else { value | (holds != 0) };
             }
             match scratch.get_mut(node.parent as usize) {

@@ -156,10 +156,15 @@ impl Positive {
 
     /// Whether a point is inside the result, given which leaves it is inside of. Asks for every literal, left to right.
     pub fn eval(&self, mut inside: impl FnMut(LeafId) -> bool) -> bool {
+        self.eval_occurrences(|literal| inside(literal.leaf))
+    }
+
+    /// As [`eval`](Self::eval), told for each occurrence of a leaf whether the point is inside the *leaf*.
+    pub fn eval_occurrences(&self, mut inside: impl FnMut(Literal) -> bool) -> bool {
         let mut stack = BitStack::default();
         for node in &self.nodes {
             let value = match *node {
-                PositiveNode::Literal(literal) => literal.value(inside(literal.leaf)),
+                PositiveNode::Literal(literal) => literal.value(inside(literal)),
                 PositiveNode::And(..) => stack.pop() & stack.pop(),
                 PositiveNode::Or(..) => stack.pop() | stack.pop(),
             };

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use crate::csg::{LeafId, Tree};
+use crate::csg::{LeafId, Node, Tree};
 use crate::geometry::TriMesh;
 use crate::geometry::solid::{Solid, SolidError};
 use crate::layers::{Boundary, Facing, LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, sample_offsets};
@@ -135,6 +135,26 @@ pub struct RayBoundary {
 /// The expression: given which leaves a point is in, whether it is in the result.
 pub type Expression = dyn Fn(&dyn Fn(u32) -> bool) -> bool + Send + Sync;
 
+/// As [`Expression`], asked for each occurrence of a leaf and told whether the leaf is complemented there.
+type Occurrences = dyn Fn(&dyn Fn(u32, bool) -> bool) -> bool + Send + Sync;
+
+/// Of each occurrence of a leaf in `tree`, from left to right, whether it is complemented: below an odd number of
+/// complements and right sides of differences.
+fn complemented(tree: &Tree) -> Vec<bool> {
+    let nodes = tree.nodes();
+    let mut is_odd = vec![false; nodes.len()];
+    // Operands come before their operators.
+    for (i, node) in nodes.iter().enumerate().rev() {
+        match *node {
+            Node::Leaf(_) => {}
+            Node::Not(a) => is_odd[a as usize] = !is_odd[i],
+            Node::And(a, b) | Node::Or(a, b) => (is_odd[a as usize], is_odd[b as usize]) = (is_odd[i], is_odd[i]),
+            Node::Minus(a, b) => (is_odd[a as usize], is_odd[b as usize]) = (is_odd[i], !is_odd[i]),
+        }
+    }
+    nodes.iter().zip(is_odd).filter(|(node, _)| matches!(node, Node::Leaf(_))).map(|(_, is_odd)| is_odd).collect()
+}
+
 enum Caster {
     Implicit(Implicit),
     Mesh(CastMesh),
@@ -151,7 +171,7 @@ struct Prepared {
 /// The reference renderer, ready for one frame.
 pub struct Reference {
     leaves: Vec<Prepared>,
-    inside: Box<Expression>,
+    inside: Box<Occurrences>,
     camera: Camera,
     samples: u32,
     limit: LayerLimit,
@@ -184,17 +204,33 @@ impl Reference {
         samples: u32,
         limit: LayerLimit,
     ) -> Result<Self, ReferenceError> {
-        let inside = move |leaf_in: &dyn Fn(u32) -> bool| tree.eval(|leaf: LeafId| leaf_in(leaf.0));
-        Self::with_expression(leaves, Box::new(inside), camera, samples, limit)
+        let complemented = complemented(&tree);
+        let inside = move |leaf_in: &dyn Fn(u32, bool) -> bool| {
+            let mut occurrences = complemented.iter();
+            tree.eval(|leaf: LeafId| leaf_in(leaf.0, occurrences.next().is_some_and(|is_odd| *is_odd)))
+        };
+        Self::with_occurrences(leaves, Box::new(inside), camera, samples, limit)
     }
 
-    /// The judge for the expression `inside` over `leaves` (in any order) seen by `camera`.
+    /// The judge for the expression `inside` over `leaves` (in any order) seen by `camera`. Where a cut face shows a leaf that
+    /// occurs both complemented and not, only [`new`](Self::new) can tell the two apart.
     ///
     /// # Errors
     /// [`ReferenceError`] names the leaf that cannot be cast at.
     pub fn with_expression(
         leaves: Vec<TruthLeaf>,
         inside: Box<Expression>,
+        camera: Camera,
+        samples: u32,
+        limit: LayerLimit,
+    ) -> Result<Self, ReferenceError> {
+        let inside = move |leaf_in: &dyn Fn(u32, bool) -> bool| inside(&|leaf| leaf_in(leaf, false));
+        Self::with_occurrences(leaves, Box::new(inside), camera, samples, limit)
+    }
+
+    fn with_occurrences(
+        leaves: Vec<TruthLeaf>,
+        inside: Box<Occurrences>,
         camera: Camera,
         samples: u32,
         limit: LayerLimit,

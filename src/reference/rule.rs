@@ -9,14 +9,15 @@
 //! then the least index, so the order of leaves changes nothing.
 //!
 //! *Whose body*: the owner's if it goes the result's way. Else the owner cuts, and the body is the first leaf which the
-//! result just inside could not do without.
+//! result just inside could not do without: the result fails where the leaf's uncomplemented occurrences are out. Complemented
+//! occurrences stay as they are, so that within `b` the body of `(a - b) | b` is `b`, whose material is there.
 //!
 //! A *sheet* is never in or out. Its surface shows where the result would have it if the sheet were a solid there and would
 //! not have it otherwise; seen from either side it is a front, since what is seen is where the ray meets it.
 
 use glam::DVec3;
 
-use super::Expression;
+use super::Occurrences;
 use crate::layers::{Facing, LayerLimit};
 
 /// One crossing of the ray and a leaf's surface.
@@ -50,14 +51,16 @@ pub(super) fn settle(
     mut states: Vec<bool>,
     mut crossings: Vec<Crossing>,
     coincidence: f64,
-    inside: &Expression,
+    inside: &Occurrences,
     limit: LayerLimit,
 ) -> Vec<Settled> {
     for (state, (_, sheet)) in states.iter_mut().zip(slots) {
         *state &= !sheet;
     }
-    let result = |states: &[bool]| {
-        inside(&|leaf| slots.binary_search_by_key(&leaf, |slot| slot.0).is_ok_and(|slot| states[slot]))
+    let slot_of = |leaf: u32| slots.binary_search_by_key(&leaf, |slot| slot.0);
+    let result = |states: &[bool]| inside(&|leaf, _| slot_of(leaf).is_ok_and(|slot| states[slot]));
+    let result_without = |states: &[bool], gone: &[bool]| {
+        inside(&|leaf, complemented| slot_of(leaf).is_ok_and(|slot| states[slot] && (complemented || !gone[slot])))
     };
     crossings.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.slot.cmp(&b.slot)));
     let mut settled = Vec::new();
@@ -75,7 +78,7 @@ pub(super) fn settle(
         if !(set[0].t > 0.0) {
             continue;
         }
-        let found = solid_boundary(set, &before, &states, &result)
+        let found = solid_boundary(set, &before, &states, &result, &result_without)
             .or_else(|| sheet_boundary(set, slots, &before, &states, &result));
         settled.extend(found.filter(|found| found.crossing.drawn));
         if limit == LayerLimit::Nearest && !settled.is_empty() {
@@ -96,6 +99,7 @@ fn solid_boundary(
     before: &[bool],
     after: &[bool],
     result: &impl Fn(&[bool]) -> bool,
+    result_without: &impl Fn(&[bool], &[bool]) -> bool,
 ) -> Option<Settled> {
     let (was, is) = (result(before), result(after));
     if was == is {
@@ -109,25 +113,29 @@ fn solid_boundary(
     }
     // `min_by_key` takes the first of equals, and slots are in the order of leaf indices.
     let owner = *active.iter().min_by_key(|&&slot| after[slot] != is)?;
-    let body =
-        if after[owner] == is { owner } else { body_of(if is { after } else { before }, result).unwrap_or(owner) };
+    let body = if after[owner] == is {
+        owner
+    } else {
+        body_of(if is { after } else { before }, result_without).unwrap_or(owner)
+    };
     let crossing = *set.iter().find(|c| c.slot == owner)?;
     Some(Settled { crossing, body, facing: if is { Facing::Front } else { Facing::Back } })
 }
 
 /// The first leaf that the result, which holds in `states`, could not do without. If it could do without any one (a union of
 /// overlapping leaves), the first of those left when leaves are taken away from the last on as long as the result holds.
-fn body_of(states: &[bool], result: &impl Fn(&[bool]) -> bool) -> Option<usize> {
-    let inside: Vec<usize> = (0..states.len()).filter(|&slot| states[slot]).collect();
-    if let Some(needed) = inside.iter().find(|&&slot| !result(&flipped(states, slot))) {
-        return Some(*needed);
+fn body_of(states: &[bool], result_without: &impl Fn(&[bool], &[bool]) -> bool) -> Option<usize> {
+    let inside = || (0..states.len()).filter(|&slot| states[slot]);
+    let only = |slot: usize| (0..states.len()).map(|other| other == slot).collect::<Vec<bool>>();
+    if let Some(needed) = inside().find(|&slot| !result_without(states, &only(slot))) {
+        return Some(needed);
     }
-    let mut left = states.to_vec();
-    for &slot in inside.iter().rev() {
-        left[slot] = false;
-        left[slot] = !result(&left);
+    let mut gone = vec![false; states.len()];
+    for slot in inside().rev() {
+        gone[slot] = true;
+        gone[slot] = result_without(states, &gone);
     }
-    left.iter().position(|&inside| inside)
+    inside().find(|&slot| !gone[slot])
 }
 
 fn sheet_boundary(

@@ -510,6 +510,27 @@ fn random_tree(uniform: &mut dyn FnMut() -> f64, depth: u32) -> Tree {
 }
 
 #[test]
+fn two_parts_without_a_gap_have_each_its_own_material() {
+    // A shell around a core; a half-space cuts both.
+    let half = Solid::HalfSpace { point: DVec3::ZERO, normal: DVec3::Y, extent: 4.0 };
+    let [shell, core, cutter] = [0, 1, 2].map(|leaf| Tree::leaf(LeafId(leaf)));
+    let parts = Tree::or(Tree::minus(shell, core.clone()), core);
+    let tree = Tree::minus(parts, cutter);
+    // However the leaves are numbered.
+    for [shell, core] in [[0, 1], [1, 0]] {
+        let tree = tree.map_leaves(|leaf| LeafId([shell, core, 2][leaf.0 as usize]));
+        let cutter = TruthLeaf::new(2, TruthShape::Solid(half.clone()));
+        let leaves = vec![sphere(shell, 0.0, 1.0), sphere(core, 0.0, 0.5), cutter];
+        let judge = Reference::new(leaves, tree, ahead(100), 1, LayerLimit::Nearest).unwrap();
+        // A picture of 4 units in 100 pixels: the middle, and 0.8 beside it.
+        for (px, body) in [(50.0, core), (70.0, shell)] {
+            let found = judge.cast(DVec2::new(px, 50.0));
+            assert_eq!((found[0].leaf, found[0].body), (2, body), "{px}");
+        }
+    }
+}
+
+#[test]
 fn between_boundaries_every_point_is_where_the_expression_says() {
     let v = DVec3::new;
     let torus = Solid::Torus { centre: v(-0.2, 0.1, 0.0), axis: v(0.2, 1.0, 0.3), radius: 0.8, tube: 0.3 };

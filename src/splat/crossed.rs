@@ -115,20 +115,30 @@ impl Left {
     }
 
     /// The first leaf that the result in `state`, where it holds, could not do without; where it could do without any one of
-    /// them, the first that is left when they are taken away from the last on for as long as it holds.
+    /// them, the first that is left when they are taken away from the last on for as long as it holds. Of a leaf that is taken
+    /// away the complemented occurrences stay: within `b` the body of `(a - b) | b` is `b`.
     fn body(&self, state: &[u64]) -> Option<LeafId> {
-        let mut left = state.to_vec();
         let within: Vec<u32> = (0..self.leaves.len() as u32).filter(|&bit| get(state, bit)).collect();
-        if let Some(&needed) = within.iter().find(|&&bit| !self.eval_turned(&mut left, bit)) {
-            return Some(self.leaves[needed as usize]);
+        let holds_without = |gone: &[u64]| {
+            self.expression.eval_occurrences(|literal| {
+                let bit = self.bits[literal.leaf.0 as usize];
+                get(state, bit) && (literal.negated || !get(gone, bit))
+            })
+        };
+        let mut gone = vec![0; state.len()];
+        for &bit in &within {
+            put(&mut gone, bit, true);
+            if !holds_without(&gone) {
+                return Some(self.leaves[bit as usize]);
+            }
+            put(&mut gone, bit, false);
         }
         for &bit in within.iter().rev() {
-            put(&mut left, bit, false);
-            if !self.eval(&left) {
-                put(&mut left, bit, true);
-            }
+            put(&mut gone, bit, true);
+            let holds = holds_without(&gone);
+            put(&mut gone, bit, holds);
         }
-        within.into_iter().find(|&bit| get(&left, bit)).map(|bit| self.leaves[bit as usize])
+        within.into_iter().find(|&bit| !get(&gone, bit)).map(|bit| self.leaves[bit as usize])
     }
 }
 
@@ -374,6 +384,27 @@ mod tests {
         let value = |row: u64| u64::from(expression.eval(|leaf| row >> leaf.0 & 1 == 1)) << row;
         let table = has_table.then(|| (0..1 << leaves.len()).fold(0, |table, row| table | value(row)));
         Left { expression, leaves, bits, table, asked: vec![asked], any_undecided: false }
+    }
+
+    /// The first leaf that a product of the positive form which holds there needs.
+    #[test]
+    fn material_is_that_of_a_leaf_that_the_result_needs() {
+        for (text, state, body) in [
+            ("a & b", 0b11, Some(0)),
+            ("a | b", 0b11, Some(0)),
+            ("a - b", 0b01, Some(0)),
+            ("(a - b) | c", 0b101, Some(0)),
+            ("(a - b) | c", 0b111, Some(2)),
+            // Two parts without a gap.
+            ("(a - b) | b", 0b01, Some(0)),
+            ("(a - b) | b", 0b11, Some(1)),
+            ("a | (b - a)", 0b11, Some(0)),
+            // What is left of nothing.
+            ("!a | b", 0b00, None),
+            ("!a | b", 0b10, None),
+        ] {
+            assert_eq!(left(text, 0, true).body(&[state]), body.map(LeafId), "{text} {state:b}");
+        }
     }
 
     /// Both ways to evaluate agree with the expression itself, for every state, and with trying all that is not known.

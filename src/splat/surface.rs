@@ -616,8 +616,9 @@ pub(super) fn body_behind(
 }
 
 /// The first leaf that the result just outside of leaf `own`, where it holds, could not do without; where it could do without
-/// any one of them, the first that is left when they are taken away from the last on for as long as it holds. `status` tells the
-/// place of the point in the other leaves, and `holds`, at most once each, in those that are near.
+/// any one of them, the first that is left when they are taken away from the last on for as long as it holds. Of a leaf that is
+/// taken away the complemented occurrences stay: within `b` the body of `(a - b) | b` is `b`. `status` tells the place of the
+/// point in the other leaves, and `holds`, at most once each, in those that are near.
 fn body(
     model: &Model,
     own: LeafId,
@@ -641,8 +642,12 @@ fn body(
     // A leaf that the point is outside of is one that the result can do without, so it need not be asked itself.
     let may_hold = |leaf: &LeafId| *leaf != own && status(*leaf) != Membership::Out;
     let candidates = || model.positive_leaves().iter().copied().filter(may_hold);
-    let mut holds_without =
-        |gone: &[LeafId], leaf| model.list.eval(|other| other != leaf && !gone.contains(&other) && inside(other));
+    let mut holds_without = |gone: &[LeafId], leaf| {
+        model.list.eval_occurrences(|literal| {
+            let is_gone = literal.leaf == leaf || gone.contains(&literal.leaf);
+            (literal.negated || !is_gone) && inside(literal.leaf)
+        })
+    };
     if let Some(needed) = candidates().find(|&leaf| !holds_without(&[], leaf)) {
         return Some(needed);
     }
