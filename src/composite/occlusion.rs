@@ -121,7 +121,7 @@ impl Shade {
                     let height = (plane - deeper) * neighbour.per_distance;
                     // Of what may be another body a part counts, so that no border shows where it begins to be.
                     let same = (ANOTHER_BODY - height) * (1.0 / (ANOTHER_BODY - MAYBE_ANOTHER_BODY));
-                    let counted = same.min(1.0).max(0.0) * height;
+                    let counted = same.clamp(0.0, 1.0) * height;
                     highest[column] = if counted > highest[column] { counted } else { highest[column] };
                 }
             }
