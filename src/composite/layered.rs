@@ -227,7 +227,7 @@ fn compose(
     if tile.boundaries.is_empty() && lines.len() == 0 && contents.is_empty() {
         return Composed { pixels, depth, covered };
     }
-    if lines.len() == 0 && samples == 1 {
+    if lines.len() == 0 && samples == 1 && contents.is_empty() {
         // Surfaces alone, as most tiles of a shaded scan are.
         for (pixel, of_pixel) in tile.offsets.windows(2).enumerate().filter(|(_, of_pixel)| of_pixel[0] < of_pixel[1]) {
             let (from, to) = (of_pixel[0] as usize, of_pixel[1] as usize);
