@@ -10,7 +10,8 @@
 use std::hint::black_box;
 use std::path::Path;
 
-use surfcut::layers::{LayerLimit, LayerStack};
+use rayon::prelude::*;
+use surfcut::layers::{LayerLimit, LayerSource, TILE_SIDE};
 use surfcut::measure::open::open_meshes;
 use surfcut::measure::styles::{
     camera, drawn, fewer_layers, layers_against_truth, lines_of_scan, noisy_scan, sketch_coherence,
@@ -22,6 +23,7 @@ use surfcut::output::report::{FrameTimes, Stopwatch};
 use surfcut::pipeline::Density;
 use surfcut::scene::style::{Style, StyleKind};
 use surfcut::scene::{Scene, toml_file};
+use surfcut::space::PixelRect;
 
 /// The scenes with solids alone, drawn by every pipeline.
 const SOLID_SCENES: [&str; 3] = ["widget", "spanner", "overlap"];
@@ -143,7 +145,9 @@ fn cost() -> Result<(), DrawError> {
         print!("| {name} | {}x{} |", size.0, size.1);
         // What handing over the layers costs here, which is copying them.
         let copying = median(REPEATS, || {
-            black_box(LayerStack::collect(&stack));
+            PixelRect::tiles(size.0, size.1, TILE_SIDE).into_par_iter().for_each(|rect| {
+                black_box(stack.draw(rect));
+            });
         });
         for kind in StyleKind::ALL {
             let style = Style { max_layers: Some(4), ..Style::of(kind) };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Vec3};
 
 use super::{MeshFrame, MeshLeaf, MeshModel, MeshModelError, MeshShape};
-use crate::composite::{Look, shaded, shaded_stack};
+use crate::composite::{Look, shaded};
 use crate::csg::expression::parse;
 use crate::csg::{LeafId, Tree};
 use crate::geometry::solid::Ball;
@@ -427,7 +427,7 @@ fn looks_taken_early_and_the_short_cut_show_the_head_of_all() {
         }
         covered_by_all += covered;
         let look = Look { light: Light::default(), background: [0.2, 0.3, 0.4, 1.0] };
-        let (lit, slow) = (shaded(&nearest, &look, &|| ()), shaded_stack(&LayerStack::collect(&nearest), &look));
+        let (lit, slow) = (shaded(&nearest, &look, &|| ()), shaded(&LayerStack::collect(&nearest), &look, &|| ()));
         assert_eq!((lit.covered, slow.covered), (covered, covered));
         let differ = |(a, b): (&[f32; 4], &[f32; 4])| a.iter().zip(b).any(|(a, b)| !((a - b).abs() < 1e-6));
         assert!(!lit.pixels.iter().zip(&slow.pixels).any(differ));

@@ -1,7 +1,7 @@
 //! `surfcut compare`: two pipelines or settings on one scene, measured.
 
 use serde_json::json;
-use surfcut::composite::{Look, shaded_stack};
+use surfcut::composite::{Look, shaded};
 use surfcut::layers::{LayerLimit, LayerStack};
 use surfcut::measure::quality::quality;
 use surfcut::measure::{compare, difference};
@@ -46,7 +46,7 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
     let truth = draw(loaded, &with, frame, &camera, session, &mut report, "second_frame")?;
     let comparison = compare(&test, &truth)?;
-    let pictures = [&test, &truth].map(|stack| png::rgb(&shaded_stack(stack, &look)));
+    let pictures = [&test, &truth].map(|stack| png::rgb(&shaded(stack, &look, &|| ())));
     let covered = |stack: &LayerStack, i: u32| !stack.at(i % camera.width, i / camera.width).is_empty();
     let mask: Vec<bool> = (0..camera.width * camera.height).map(|i| covered(&test, i) || covered(&truth, i)).collect();
     let likeness = quality(&pictures[0], &pictures[1], &mask)?;

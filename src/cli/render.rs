@@ -41,12 +41,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         return sequence::run(args, session);
     }
     let outputs = outputs(args, session)?;
-    let mut report = Report::new(std::env::args().collect());
-    let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
-    report.scene = Some(input::name(&args.scene));
-    report.units = loaded.scene.units.clone();
-    report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
-    report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
+    let (mut report, mut loaded) = opened(args, session)?;
     let camera = input::camera(&loaded, &args.view.camera)?;
     let wants_layers = outputs.iter().any(|(_, format)| *format == PictureFormat::Exr);
     let style = args.style.style(&loaded.scene.style, args.view.max_layers).for_points(has_points(&loaded));
@@ -109,6 +104,17 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     session.tell(&times_text(&report));
     session.write_summary(&report.to_json())?;
     Ok(code::OK)
+}
+
+/// The scene with its files read, and a report that has begun with what there is to warn of.
+pub fn opened(args: &RenderArgs, session: &Session) -> anyhow::Result<(Report, LoadedScene)> {
+    let mut report = Report::new(std::env::args().collect());
+    let loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
+    report.scene = Some(input::name(&args.scene));
+    report.units = loaded.scene.units.clone();
+    report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
+    report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
+    Ok((report, loaded))
 }
 
 /// The leaves' colours where they are of one, by index.

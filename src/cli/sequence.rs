@@ -14,7 +14,7 @@ use surfcut::composite::{Leaves, Look};
 use surfcut::csg::LeafId;
 use surfcut::output::film::{self, FilmFormat};
 use surfcut::output::frames::{FRAME_MARK, FrameNames, Frames, RunKey};
-use surfcut::output::report::{FrameTimes, Report, Stopwatch, Times};
+use surfcut::output::report::{FrameTimes, Stopwatch, Times};
 use surfcut::output::{Destination, OutputError};
 use surfcut::scene::{Animation, LeafSource, LoadedScene, Truth};
 use surfcut::space::{Camera, CameraError, Motion};
@@ -27,7 +27,7 @@ use super::memory::Held;
 use super::progress::Bars;
 use super::render::{
     Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, has_points, leaf_colours, left_out_text,
-    most_layers, picture_info, tell_of, times_text,
+    most_layers, opened, picture_info, tell_of, times_text,
 };
 use super::{Session, input, memory};
 
@@ -50,12 +50,7 @@ impl Shot {
 /// Draws the frames that are missing and joins the films.
 pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let targets = Targets::of(args, session)?;
-    let mut report = Report::new(std::env::args().collect());
-    let mut loaded = report.phase("load", || input::loaded(&args.scene, Some(&args.view), session.bars))?;
-    report.scene = Some(input::name(&args.scene));
-    report.units = loaded.scene.units.clone();
-    report.warnings.extend(loaded.notes.iter().filter(|note| note.is_warning()).map(ToString::to_string));
-    report.warnings.iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
+    let (mut report, mut loaded) = opened(args, session)?;
     let shots = shots(args, &loaded)?;
     let merged = merged(&args.view.merge, shots.len())?;
     let key = run_key(args, &loaded, &merged, shots.len())?;

@@ -37,9 +37,9 @@ impl Facet {
 
 /// The facets of one tile, as its boundaries are listed, one sample's alone; an array for each of their values, so that many
 /// are compared at once.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Facets {
-    rect: Option<PixelRect>,
+    rect: PixelRect,
     /// `area + 1` offsets into the arrays, pixels row by row.
     pub offsets: Vec<u32>,
     depth: Vec<f32>,
@@ -156,7 +156,7 @@ impl FacetStrip {
 
     /// The pixels of tile `index`.
     pub fn rect(&self, index: usize) -> PixelRect {
-        self.tiles[index].rect.expect("every tile has pixels")
+        self.tiles[index].rect
     }
 
     /// The facets of tile `index`.
@@ -239,13 +239,10 @@ impl Slopes {
 
     fn facets(&self, tile: &LayerTile, samples: u32, sample: u32) -> Facets {
         let rect = tile.rect;
-        if tile.boundaries.is_empty() {
-            return Facets { rect: Some(rect), offsets: vec![0; rect.area() + 1], ..Facets::default() };
-        }
         let count = tile.boundaries.len();
         let array = || Vec::with_capacity(count);
         let mut facets = Facets {
-            rect: Some(rect),
+            rect,
             offsets: Vec::with_capacity(rect.area() + 1),
             depth: array(),
             px_per_unit: array(),

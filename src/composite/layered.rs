@@ -31,12 +31,11 @@ use crate::scene::style::{Style, StyleKind};
 use rayon::prelude::*;
 
 /// Ink that covers less of a pixel than this gives it no depth.
-pub(super) const INK_HAS_DEPTH: f32 = 0.5;
+const INK_HAS_DEPTH: f32 = 0.5;
 
 /// The pixels of a tile, row by row.
 pub(super) struct Composed {
     pub pixels: Vec<[f32; 4]>,
-    /// Empty where it is that of the nearest layer.
     pub depth: Vec<f32>,
     pub covered: u64,
 }
@@ -98,14 +97,13 @@ pub(super) fn from_strips<P: Sync>(
                 for tile in row {
                     let across = tile.pixels.len() / rows;
                     pixels.extend_from_slice(&tile.pixels[y * across..(y + 1) * across]);
-                    depth.extend_from_slice(tile.depth.get(y * across..(y + 1) * across).unwrap_or_default());
+                    depth.extend_from_slice(&tile.depth[y * across..(y + 1) * across]);
                 }
             }
         }
         covered += composed.iter().map(|tile| tile.covered).sum::<u64>();
     });
-    let depth = (!depth.is_empty()).then_some(depth);
-    Picture { width, height, pixels, depth, covered, has_alpha: look.background[3] < 1.0 }
+    Picture { width, height, pixels, depth: Some(depth), covered, has_alpha: look.background[3] < 1.0 }
 }
 
 /// The ink of each layer.

@@ -24,5 +24,5 @@ mod styled;
 mod tests;
 
 pub use picture::Picture;
-pub use shaded::{Look, shaded, shaded_stack};
+pub use shaded::{Look, shaded};
 pub use styled::{Leaves, styled, styled_with};

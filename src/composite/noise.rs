@@ -28,8 +28,11 @@ impl Perlin {
             gradient.dot(within - Vec2::new(x, y))
         };
         let (u, v) = (fade(within.x), fade(within.y));
-        let top = corner(0.0, 0.0) + u * (corner(1.0, 0.0) - corner(0.0, 0.0));
-        let bottom = corner(0.0, 1.0) + u * (corner(1.0, 1.0) - corner(0.0, 1.0));
+        let between = |y: f32| {
+            let (left, right) = (corner(0.0, y), corner(1.0, y));
+            left + u * (right - left)
+        };
+        let (top, bottom) = (between(0.0), between(1.0));
         /// The most that unit gradients give, in the middle of a cell.
         const MOST: f32 = std::f32::consts::FRAC_1_SQRT_2;
         (top + v * (bottom - top)) / MOST

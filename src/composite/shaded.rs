@@ -15,7 +15,7 @@ use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use super::Picture;
-use crate::layers::{Boundary, LayerSource, LayerStack, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE};
+use crate::layers::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE};
 use crate::scene::Light;
 use crate::space::{Camera, PixelRect, Projection};
 
@@ -290,16 +290,6 @@ pub fn shaded(source: &dyn LayerSource, look: &Look, on_tile: &(dyn Fn() + Sync)
     })
 }
 
-/// As [`shaded`], for layers that are all in memory.
-pub fn shaded_stack(stack: &LayerStack, look: &Look) -> Picture {
-    let across = stack.camera.width.div_ceil(TILE_SIDE);
-    let samples = stack.samples.clamp(1, MAX_SAMPLES);
-    by_tiles(&stack.camera, look, &|shader, rect, rows| {
-        let tile = &stack.tiles()[(rect.y0 / TILE_SIDE * across + rect.x0 / TILE_SIDE) as usize];
-        blend_tile(tile, samples, shader, look.background).put(rows)
-    })
-}
-
 /// A tile's pixels, row by row, and how many of them show a surface.
 pub(super) struct Blended {
     pub pixels: Vec<[f32; 4]>,
@@ -465,34 +455,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::layers::Facing;
+    use crate::layers::{Facing, LayerStack};
     use crate::space::Lens;
-
-    /// A source whose pixels are a function of their position.
-    struct Painted<F> {
-        camera: Camera,
-        samples: u32,
-        at: F,
-    }
-
-    impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> LayerSource for Painted<F> {
-        fn camera(&self) -> &Camera {
-            &self.camera
-        }
-        fn samples(&self) -> u32 {
-            self.samples
-        }
-        fn draw(&self, rect: PixelRect) -> LayerTile {
-            let mut tile = LayerTile { rect, offsets: vec![0], boundaries: Vec::new() };
-            for y in rect.y0..rect.y1 {
-                for x in rect.x0..rect.x1 {
-                    tile.boundaries.extend((self.at)(x, y));
-                    tile.offsets.push(tile.boundaries.len() as u32);
-                }
-            }
-            tile
-        }
-    }
 
     fn camera(width: u32, height: u32) -> Camera {
         Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, Lens::Height(2.0), width, height).unwrap()
@@ -568,7 +532,7 @@ mod tests {
             let colour = [x as f32 / 256.0, y as f32 / 256.0, 0.0];
             if (x + y).is_multiple_of(3) { Vec::new() } else { vec![boundary(1.0, colour, 1.0, 1)] }
         };
-        let source = Painted { camera: camera(width, height), samples: 1, at };
+        let source = LayerStack::from_fn(camera(width, height), 1, at);
         // Light from everywhere alone: a surface seen head on shows its colour times the hemisphere's middle.
         let light = Light { towards: DVec3::Z, in_world: true, ambient: 1.0 };
         let tiles = AtomicU64::new(0);
@@ -577,7 +541,6 @@ mod tests {
         };
         let picture = shaded(&source, &Look { light, background: CLEAR }, &count);
         assert_eq!(tiles.into_inner(), tile_count(&source.camera));
-        assert_eq!(shaded_stack(&LayerStack::collect(&source), &Look { light, background: CLEAR }), picture);
         let seen = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(|&(x, y)| !at(x, y).is_empty());
         assert_eq!(picture.covered, seen.count() as u64);
         let middle = GROUND_SHARE + 0.5 * (1.0 - GROUND_SHARE);
@@ -603,7 +566,7 @@ mod tests {
                 let opacity = if (x + 3 * y).is_multiple_of(7) { 0.5 } else { 1.0 };
                 vec![Boundary { normal, ..boundary(1.0, [0.2, 0.5, 0.9], opacity, 1) }]
             };
-            let source = Painted { camera: camera.clone(), samples: 1, at };
+            let source = LayerStack::from_fn(camera.clone(), 1, at);
             for in_world in [false, true] {
                 let light = Light { towards: DVec3::new(0.3, -1.0, 0.5), in_world, ambient: 0.2 };
                 let picture = shaded(&source, &Look { light, background: WHITE }, &|| ());

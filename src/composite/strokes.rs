@@ -162,25 +162,20 @@ fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Opt
         let side = if p.across.dot(across) < 0.0 { -1.0 } else { 1.0 };
         mean += w * side * p.across;
     }
-    if sum > 0.0 {
-        // Along a straight line this moves nothing but the points that are off it.
-        let at_side = aside / sum;
-        if point.across != Vec2::ZERO {
-            across = mean.normalize_or(across);
-        }
-        let at = point.at + across * at_side;
-        return Some(Stroke {
-            at,
-            along: across.perp(),
-            depth: point.depth,
-            layer: point.layer,
-            until: point.until,
-            strength: point.strength,
-            width: settings.width_px * if point.heavy { HEAVY } else { 1.0 },
-            heavy: point.heavy,
-        });
+    // The point itself is one of them, so there is a mean. Along a straight line this moves nothing but the points off it.
+    if point.across != Vec2::ZERO {
+        across = mean.normalize_or(across);
     }
-    None
+    Some(Stroke {
+        at: point.at + across * (aside / sum),
+        along: across.perp(),
+        depth: point.depth,
+        layer: point.layer,
+        until: point.until,
+        strength: point.strength,
+        width: settings.width_px * if point.heavy { HEAVY } else { 1.0 },
+        heavy: point.heavy,
+    })
 }
 
 /// How far from its middle a stroke can ink a pixel, in pixels.

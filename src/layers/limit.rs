@@ -184,7 +184,7 @@ impl LayerSource for Counted<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::LayerStack;
-    use super::super::test_layers::{Painted, boundary, camera};
+    use super::super::test_layers::{boundary, camera};
     use super::*;
 
     fn stack(count: u32) -> Vec<Boundary> {
@@ -195,7 +195,7 @@ mod tests {
     fn each_sample_keeps_its_nearest_layers() {
         let with = |depth: f32, samples: u16| Boundary { samples, ..boundary(depth) };
         let pixel = vec![with(1.0, 0b0011), with(2.0, 0b1111), with(3.0, 0b0111), with(4.0, 0b1000), with(5.0, 0b0001)];
-        let source = Painted::new(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() });
+        let source = LayerStack::from_fn(camera(3, 2), 4, |x, _| if x == 1 { pixel.clone() } else { Vec::new() });
         let masks = |most: u32| -> Vec<u16> {
             let tile = first_layers(source.draw(PixelRect { x0: 0, y0: 0, x1: 3, y1: 2 }), 4, most);
             assert!(tile.at(0, 1).is_empty());
@@ -216,7 +216,7 @@ mod tests {
         let whole =
             || vec![Boundary { samples: u16::MAX, ..boundary(1.0) }, Boundary { samples: u16::MAX, ..boundary(2.0) }];
         for samples in [1, 4, MAX_SAMPLES] {
-            let source = Painted::new(camera(5, 1), samples, |_, _| whole());
+            let source = LayerStack::from_fn(camera(5, 1), samples, |_, _| whole());
             let counts = LayerCounts::of(&source);
             let bits = u64::from(samples);
             assert_eq!((counts.pixels, counts.samples), (vec![5, 5], vec![5 * bits, 5 * bits]));
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn layers_are_worth_their_pixels_and_what_is_left_out_is_told() {
         // 130 · 70 pixels: all have one boundary, a quarter three, one pixel nine.
-        let source = Painted::new(camera(130, 70), 1, |x, y| match (x, y) {
+        let source = LayerStack::from_fn(camera(130, 70), 1, |x, y| match (x, y) {
             (7, 9) => stack(9),
             _ if x % 2 == 0 && y % 2 == 0 => stack(3),
             _ => stack(1),
@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(left.pixels, quarter as f64 / (130.0 * 70.0));
         assert_eq!(left.boundaries, (2 * quarter + 6) as f64 / (130.0 * 70.0 + (2 * quarter + 6) as f64));
         assert_eq!(counts.left_out(9), LeftOut::default());
-        let nothing = LayerCounts::of(&Painted::new(camera(4, 4), 1, |_, _| Vec::new()));
+        let nothing = LayerCounts::of(&LayerStack::from_fn(camera(4, 4), 1, |_, _| Vec::new()));
         assert_eq!((nothing.worth(5, None), nothing.left_out(0)), (0, LeftOut::default()));
     }
 }

@@ -83,8 +83,9 @@ impl<S: LayerSource> LayerSource for MergedLayers<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_layers::{Painted, boundary, camera};
+    use super::super::test_layers::{boundary, camera};
     use super::*;
+    use crate::layers::LayerStack;
 
     #[test]
     fn layers_come_by_depth_and_the_order_of_sources_changes_nothing() {
@@ -95,7 +96,7 @@ mod tests {
         let lists = [ball, other, behind];
         let leaves_of = |order: [usize; 3]| {
             let sources = order.map(|i| {
-                Painted::new(camera(70, 5), 1, {
+                LayerStack::from_fn(camera(70, 5), 1, {
                     let list = lists[i].clone();
                     move |x, _| if x % 2 == 0 { list.clone() } else { Vec::new() }
                 })

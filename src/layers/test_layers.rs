@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Boundary, Facing, LayerSource, LayerTile};
-use crate::space::{Camera, Lens, PixelRect};
+use super::{Boundary, Facing};
+use crate::space::{Camera, Lens};
 
 /// A camera for pictures of `width` by `height` pixels.
 pub fn camera(width: u32, height: u32) -> Camera {
@@ -21,38 +21,5 @@ pub fn boundary(depth: f32) -> Boundary {
         body: 0,
         facing: Facing::Front,
         samples: 1,
-    }
-}
-
-/// A source whose pixel (x, y) holds what a function says.
-pub struct Painted<F> {
-    camera: Camera,
-    samples: u32,
-    at: F,
-}
-
-impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> Painted<F> {
-    /// See the type.
-    pub fn new(camera: Camera, samples: u32, at: F) -> Self {
-        Self { camera, samples, at }
-    }
-}
-
-impl<F: Fn(u32, u32) -> Vec<Boundary> + Sync> LayerSource for Painted<F> {
-    fn camera(&self) -> &Camera {
-        &self.camera
-    }
-    fn samples(&self) -> u32 {
-        self.samples
-    }
-    fn draw(&self, rect: PixelRect) -> LayerTile {
-        let mut tile = LayerTile { rect, offsets: vec![0], boundaries: Vec::new() };
-        for y in rect.y0..rect.y1 {
-            for x in rect.x0..rect.x1 {
-                tile.boundaries.extend((self.at)(x, y));
-                tile.offsets.push(tile.boundaries.len() as u32);
-            }
-        }
-        tile
     }
 }

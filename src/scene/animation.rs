@@ -84,6 +84,17 @@ fn round_slope((before, d_before): (f64, DVec3), (after, d_after): (f64, DVec3))
     if rests { DVec3::ZERO } else { (d_before * after + d_after * before) / (before + after) }
 }
 
+/// The slopes at both ends of a segment: those of keys between segments, `outer` of the other at the first and last key, the
+/// `mean` where the segment is all there is.
+fn both_slopes<T: Copy>(from: Option<T>, to: Option<T>, outer: impl Fn(T) -> T, mean: T) -> (T, T) {
+    match (from, to) {
+        (Some(from), Some(to)) => (from, to),
+        (None, Some(to)) => (outer(to), to),
+        (Some(from), None) => (from, outer(from)),
+        (None, None) => (mean, mean),
+    }
+}
+
 impl Keys<f64> {
     /// The value at `time`, monotone between keys.
     pub fn monotone(&self, time: f64) -> f64 {
@@ -100,12 +111,7 @@ impl Keys<f64> {
         let inner = |i: usize| (i > 0 && i + 1 < keys.len()).then(|| monotone_slope(step(i - 1), step(i)));
         // It sets out without bending; between 0 and three times the mean slope no cubic overshoots.
         let outer = |other: f64| (1.5 * mean - 0.5 * other).clamp((3.0 * mean).min(0.0), (3.0 * mean).max(0.0));
-        let (from, to) = match (inner(i), inner(i + 1)) {
-            (Some(from), Some(to)) => (from, to),
-            (None, Some(to)) => (outer(to), to),
-            (Some(from), None) => (from, outer(from)),
-            (None, None) => (mean, mean),
-        };
+        let (from, to) = both_slopes(inner(i), inner(i + 1), outer, mean);
         hermite(keys[i].1, keys[i + 1].1, from, to, length, (time - keys[i].0) / length)
     }
 }
@@ -132,12 +138,7 @@ impl Keys<DVec3> {
         let inner = |i: usize| (i > 0 && i + 1 < keys.len()).then(|| round_slope(step(i - 1), step(i)));
         // It sets out without bending.
         let outer = |other: DVec3| if mean == DVec3::ZERO { mean } else { 1.5 * mean - 0.5 * other };
-        let (from, to) = match (inner(i), inner(i + 1)) {
-            (Some(from), Some(to)) => (from, to),
-            (None, Some(to)) => (outer(to), to),
-            (Some(from), None) => (from, outer(from)),
-            (None, None) => (mean, mean),
-        };
+        let (from, to) = both_slopes(inner(i), inner(i + 1), outer, mean);
         let u = (time - keys[i].0) / length;
         DVec3::from_array(std::array::from_fn(|axis| {
             hermite(keys[i].1[axis], keys[i + 1].1[axis], from[axis], to[axis], length, u)

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use serde_json::json;
-use surfcut::composite::{Look, shaded_stack};
+use surfcut::composite::{Look, shaded};
 use surfcut::geometry::Solid;
 use surfcut::layers::LayerStack;
 use surfcut::measure::compare;
@@ -77,7 +77,7 @@ pub fn run(
 ) -> anyhow::Result<u8> {
     let truth = super::draw(loaded.clone(), with, frame, camera, session, &mut report, "second_frame")?;
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&Style::default()) };
-    let true_picture = png::rgb(&shaded_stack(&truth, &look));
+    let true_picture = png::rgb(&shaded(&truth, &look, &|| ()));
     let mut rows = vec![COLUMNS.map(str::to_owned)];
     let mut summaries = Vec::new();
     for way in &args.ways {
@@ -96,7 +96,7 @@ pub fn run(
         let covered = |stack: &LayerStack, i: u32| !stack.at(i % camera.width, i / camera.width).is_empty();
         let mask: Vec<bool> =
             (0..camera.width * camera.height).map(|i| covered(&stack, i) || covered(&truth, i)).collect();
-        let likeness = quality(&png::rgb(&shaded_stack(&stack, &look)), &true_picture, &mask)?;
+        let likeness = quality(&png::rgb(&shaded(&stack, &look, &|| ())), &true_picture, &mask)?;
         let count = |name: &str| of_way.counts.get(name).map_or("0".to_owned(), ToString::to_string);
         let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4}"));
         rows.push([
