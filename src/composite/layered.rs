@@ -210,7 +210,9 @@ impl Gathered {
     }
 }
 
-fn compose(
+/// The pixels of a tile: its layers, of the lit colours and opacities `surfaces`, under their `lines`, and `contents` among
+/// them.
+pub(super) fn compose(
     tile: &LayerTile,
     lines: &LineMaps,
     surfaces: &[[f32; 4]],

@@ -4,20 +4,15 @@
 //! can stand before, behind and within the result. Here the other content is the sprite: at each pixel its colour is a layer
 //! of its own, at its own depth.
 //!
-//! *Practice.* Where every layer is drawn in its place, content takes its place among them: [`blend_with`], or `layered` where there
-//! are lines or shade too. A sketch looks its layers up beside their places, so its finished picture is composed by the
-//! depth of the nearest thing that it shows: [`compose`]. Content has one depth a pixel; it covers all samples of the pixel
+//! *Practice.* Where every layer is drawn in its place, content takes its place among them: `layered` does that. A sketch looks its
+//! layers up beside their places, so its finished picture is composed by the depth of the nearest thing that it shows:
+//! [`compose`]. Content has one depth a pixel; it covers all samples of the pixel
 //! alike. Colours are linear and premultiplied while they are blended. At equal depth the result is in front.
 
 use rayon::prelude::*;
 
-use super::Look;
-use super::layered::{Composed, from_strips};
 use super::picture::Picture;
-use super::shaded::{Shader, blend_tile};
 use crate::formats::depth_picture::DepthPicture;
-use crate::layers::{Boundary, LayerSource, MAX_SAMPLES};
-use crate::scene::style::Style;
 
 /// What another picture shows at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,46 +57,6 @@ fn straight(light: [f32; 3], through: f32) -> [f32; 4] {
     if alpha > 0.0 { [light[0] / alpha, light[1] / alpha, light[2] / alpha, alpha] } else { [0.0; 4] }
 }
 
-/// A pixel, linear RGB with straight alpha, and the depth of the nearest thing that it shows.
-pub type Blended = ([f32; 4], f32);
-
-/// One pixel: its boundaries and other content, blended in the order of their depths over `background`. `contents` come front to back, as `boundaries` do;
-/// `lit` tells a boundary's colour.
-pub fn blend_with(
-    boundaries: &[Boundary],
-    contents: &[Content],
-    samples: u32,
-    background: [f32; 4],
-    mut lit: impl FnMut(&Boundary) -> [f32; 3],
-) -> Blended {
-    let samples = samples.clamp(1, MAX_SAMPLES);
-    let mut rays = [Ray::FRESH; MAX_SAMPLES as usize];
-    let rays = &mut rays[..samples as usize];
-    let mut waiting = contents.iter().peekable();
-    for boundary in boundaries {
-        while let Some(content) = waiting.next_if(|content| content.depth < boundary.depth) {
-            rays.iter_mut().for_each(|ray| ray.pass(content.colour, content.depth));
-        }
-        let [r, g, b] = lit(boundary);
-        let surface = premultiplied([r, g, b, boundary.opacity.clamp(0.0, 1.0)]);
-        for (sample, ray) in rays.iter_mut().enumerate() {
-            if boundary.samples >> sample & 1 == 1 {
-                ray.pass(surface, boundary.depth);
-            }
-        }
-    }
-    let (mut light, mut through, mut depth) = ([0.0; 3], 0.0, f32::INFINITY);
-    let behind: Vec<Content> = waiting.copied().collect();
-    for ray in rays {
-        behind.iter().for_each(|content| ray.pass(content.colour, content.depth));
-        depth = depth.min(ray.depth);
-        ray.pass(premultiplied(background), f32::INFINITY);
-        (0..3).for_each(|c| light[c] += ray.light[c] / samples as f32);
-        through += ray.through / samples as f32;
-    }
-    (straight(light, through), depth)
-}
-
 /// Pictures that are composed with the result.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
@@ -133,48 +88,6 @@ impl Contents {
     }
 }
 
-/// Draws the layers of `source` as surfaces, with `contents` among them. Where the contents show nothing, the picture is what it is without them, to the last bit. `on_tile` is called once for each tile.
-pub(super) fn surfaces_with(
-    source: &dyn LayerSource,
-    look: &Look,
-    style: &Style,
-    contents: &Contents,
-    on_tile: &(dyn Fn() + Sync),
-) -> Picture {
-    let (shader, samples) = (Shader::new(&look.light, source.camera()), source.samples());
-    from_strips(
-        source,
-        look,
-        style,
-        &[],
-        on_tile,
-        |_| (),
-        |strip, (), index| {
-            let tile = &strip.tiles[index];
-            let blended = blend_tile(tile, samples, &shader, look.background);
-            let mut pixels = blended.pixels;
-            let (mut depth, mut found) = (Vec::with_capacity(pixels.len()), Vec::new());
-            for (pixel, shown) in pixels.iter_mut().enumerate() {
-                let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-                let (x, y) = (tile.rect.x0 + x, tile.rect.y0 + y);
-                let boundaries = tile.at(x, y);
-                contents.at(x, y, &mut found);
-                if found.is_empty() {
-                    let nearest = boundaries.iter().find(|boundary| boundary.opacity > 0.0);
-                    depth.push(nearest.map_or(f32::INFINITY, |boundary| boundary.depth));
-                    continue;
-                }
-                let towards_eye = shader.towards_eye(x, y);
-                let lit = |boundary: &Boundary| shader.lit(boundary, towards_eye);
-                let (colour, nearest) = blend_with(boundaries, &found, samples, look.background, lit);
-                *shown = colour;
-                depth.push(nearest);
-            }
-            Composed { pixels, depth, covered: blended.covered }
-        },
-    )
-}
-
 /// Puts `contents` before and behind a finished `picture` that was drawn over nothing, by the depth of the nearest thing
 /// that each pixel shows, and all over `background`. A picture without depths lies behind all content. What the contents cover
 /// is not counted as covered.
@@ -204,8 +117,12 @@ pub fn compose(picture: &mut Picture, contents: &Contents, background: [f32; 4])
 mod tests {
     use glam::Vec3;
 
+    use super::super::layered::{self, Inks};
+    use super::super::strokes::LineMaps;
     use super::*;
-    use crate::layers::Facing;
+    use crate::layers::{Boundary, Facing, LayerTile};
+    use crate::scene::style::{Style, StyleKind};
+    use crate::space::PixelRect;
 
     const WHITE: [f32; 4] = [1.0; 4];
     const CLEAR: [f32; 4] = [0.0; 4];
@@ -219,8 +136,17 @@ mod tests {
         assert!(got.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{got:?} instead of {wanted:?}");
     }
 
+    /// One pixel of unlit layers with contents among them, and its depth.
     fn blended(boundaries: &[Boundary], contents: &[Content], samples: u32, background: [f32; 4]) -> ([f32; 4], f32) {
-        blend_with(boundaries, contents, samples, background, |b| b.colour)
+        let rect = PixelRect { x0: 0, y0: 0, x1: 1, y1: 1 };
+        let tile = LayerTile { rect, offsets: vec![0, boundaries.len() as u32], boundaries: boundaries.to_vec() };
+        let surfaces: Vec<[f32; 4]> =
+            boundaries.iter().map(|b| [b.colour[0], b.colour[1], b.colour[2], b.opacity]).collect();
+        let picture = |c: &Content| DepthPicture { width: 1, height: 1, pixels: vec![c.colour], depth: vec![c.depth] };
+        let contents = Contents::new(contents.iter().map(picture).collect());
+        let inks = Inks::new(&Style::of(StyleKind::Transparent), background);
+        let drawn = layered::compose(&tile, &LineMaps::default(), &surfaces, samples, &inks, &contents, background);
+        (drawn.pixels[0], drawn.depth[0])
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Any style, from any source.
 
 use super::layered::layered;
-use super::merge::{Contents, compose, surfaces_with};
+use super::merge::{Contents, compose};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
 use super::shaded::shaded;
@@ -59,13 +59,7 @@ pub fn styled_with(
         compose(&mut picture, contents, look.background);
         return picture;
     }
-    prepared(source, style, leaves, |source| {
-        if is_plain(style, leaves) {
-            surfaces_with(source, look, style, contents, on_tile)
-        } else {
-            layered(source, look, style, leaves.heavy, contents, on_tile)
-        }
-    })
+    prepared(source, style, leaves, |source| layered(source, look, style, leaves.heavy, contents, on_tile))
 }
 
 /// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
