@@ -7,6 +7,8 @@ pub mod crossings;
 pub mod csg;
 pub mod formats;
 pub mod geometry;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod hybrid;
 pub mod layers;
 pub mod measure;
