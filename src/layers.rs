@@ -47,10 +47,13 @@ fn sample_pattern(n: u32) -> Vec<DVec2> {
             let row = |i: u32| ((i + border) * step % (n + border)).wrapping_sub(border);
             let cells: Vec<(u32, u32)> = (0..n).map(|i| (i, row(i))).collect();
             let one_a_row = (0..n).all(|r| cells.iter().any(|cell| cell.1 == r));
+            if !one_a_row {
+                continue;
+            }
             let apart = |a: &(u32, u32), b: &(u32, u32)| a.0.abs_diff(b.0).pow(2) + a.1.abs_diff(b.1).pow(2);
             let pairs = cells.iter().enumerate().flat_map(|(i, a)| cells[..i].iter().map(move |b| apart(a, b)));
             let nearest = pairs.min().unwrap_or(u32::MAX);
-            if one_a_row && nearest > best.0 {
+            if nearest > best.0 {
                 best = (nearest, cells);
             }
         }

@@ -94,6 +94,11 @@ impl Bins {
         Self { across, starts, entries }
     }
 
+    /// The entries of all tiles.
+    pub fn all(&self) -> &[Entry] {
+        &self.entries
+    }
+
     /// The entries of a tile, by its column and row.
     pub fn of(&self, column: u32, row: u32) -> &[Entry] {
         let tile = (row * self.across + column) as usize;

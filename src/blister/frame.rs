@@ -3,6 +3,8 @@
 //! *Practice.* A tile asks which leaves have anything in it, shrinks the expression to them, and is done where that is
 //! constant; triangles of leaves that cannot matter are not drawn. Several samples a pixel are so many passes over the tile.
 
+#[cfg(feature = "gpu")]
+pub(crate) mod arrangement;
 mod crossings;
 
 use std::sync::Mutex;

@@ -11,6 +11,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
 use super::model::SolidLeaf;
+use super::planes::NO_PLANE;
 use super::project::{SUBPIXELS, View, corners};
 use super::raster::{Grid, Key};
 use crate::geometry::Solid;
@@ -25,6 +26,8 @@ pub(super) struct SolidHit {
     pub normal: Vec3,
     /// Whether the surface shows there: a half-space shows only within its square.
     pub is_drawn: bool,
+    /// The plane that it shares with another leaf, or [`NO_PLANE`].
+    pub plane: u32,
 }
 
 /// A hit's normal is a flat face's if their cosine is larger.
@@ -128,6 +131,7 @@ pub(super) fn draw<S: Simd>(
                     hits.push(SolidHit {
                         normal: normal.try_normalize().unwrap_or_else(|| -ray.dir.normalize()).as_vec3(),
                         is_drawn: leaf.is_drawn(origin + dir * hit.t),
+                        plane: face.map_or(NO_PLANE, |(_, plane)| *plane),
                     });
                 }
             }

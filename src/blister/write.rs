@@ -68,6 +68,13 @@ impl Writer<'_> {
         }
     }
 
+    /// The colour of a triangle with vertex colours at a pixel, where it has this key.
+    #[cfg(feature = "gpu")]
+    pub fn colour_of(&self, triangle: u32, x: u32, y: u32, key: f32, look: &Look) -> [f32; 3] {
+        let depth = f64::from(self.view.depth(key));
+        self.mixed_colour(triangle, DVec2::new(f64::from(x), f64::from(y)), depth, look)
+    }
+
     /// The vertex colours of a triangle, mixed linearly at the point of the pixel at `px`.
     fn mixed_colour(&self, triangle: u32, px: DVec2, depth: f64, look: &Look) -> [f32; 3] {
         let numbers = self.model.triangles[triangle as usize];

@@ -325,6 +325,7 @@ fn check_shrunk(flat: &Flat, shrunk: &mut Shrunk, present: &[LeafId], tree: &Tre
     assert!(shrunk.slots().is_sorted_by(|a, b| a < b));
     let (mut counters, mut scratch) = (Counters::default(), Vec::new());
     counters.reset(shrunk);
+    let steps = shrunk.steps();
     for i in 0..all {
         if i > 0 {
             let toggled = present[(gray(i) ^ gray(i - 1)).trailing_zeros() as usize];
@@ -340,6 +341,7 @@ fn check_shrunk(flat: &Flat, shrunk: &mut Shrunk, present: &[LeafId], tree: &Tre
         }
         assert_eq!(shrunk.eval(&state, &mut scratch), expected);
         assert_eq!(in_lanes(shrunk, &state), expected);
+        assert_eq!(super::steps::walk(&steps, &state), expected);
         assert_eq!(counters.value(shrunk), expected);
     }
 }

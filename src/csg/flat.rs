@@ -24,7 +24,7 @@ use super::{LeafId, Positive};
 pub const SLOTS_A_WORD: usize = 32;
 
 /// No parent: the root.
-const ROOT: u32 = u32::MAX;
+pub(super) const ROOT: u32 = u32::MAX;
 
 /// One occurrence of a leaf in a [`Flat`] node, or of a slot in a [`Shrunk`] one.
 #[derive(Debug, Clone, Copy)]
@@ -121,23 +121,23 @@ impl Flat {
 
 /// Up to 32 literals of one node.
 #[derive(Debug, Clone, Copy)]
-struct Literals {
+pub(super) struct Literals {
     /// Which word of the state.
-    word: u32,
+    pub word: u32,
     /// Which bits of it.
-    mask: u32,
+    pub mask: u32,
     /// Those of them that are complemented.
-    negated: u32,
+    pub negated: u32,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct ShrunkNode {
-    is_and: bool,
+pub(super) struct ShrunkNode {
+    pub is_and: bool,
     /// [`ROOT`] for the last one.
-    parent: u32,
+    pub parent: u32,
     /// Range in `Shrunk::literals`.
-    first: u32,
-    end: u32,
+    pub first: u32,
+    pub end: u32,
     /// How many operands decide it where every leaf is out.
     deciding: u32,
 }
@@ -157,8 +157,8 @@ pub enum Kept {
 pub struct Shrunk {
     slots: Vec<LeafId>,
     /// Children before parents, the root last.
-    nodes: Vec<ShrunkNode>,
-    literals: Vec<Literals>,
+    pub(super) nodes: Vec<ShrunkNode>,
+    pub(super) literals: Vec<Literals>,
     /// By slot: where its places begin; one more than there are slots.
     starts: Vec<u32>,
     places: Vec<Place>,

@@ -27,6 +27,7 @@ pub mod positive;
 pub mod products;
 pub mod residual;
 pub mod status;
+pub mod steps;
 mod tree;
 mod tri;
 pub mod walk;

@@ -6,6 +6,7 @@ use wgpu::util::DeviceExt;
 
 use super::device::{Gpu, GpuError};
 use super::shader::WORKGROUP;
+use crate::space::PixelRect;
 
 /// Bytes that the smallest buffer has: a binding cannot be empty.
 const LEAST_BYTES: u64 = 16;
@@ -67,6 +68,34 @@ impl Gpu {
             contents: &bytes,
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         })
+    }
+
+    /// A texture to draw the pixels of `rect` into; it begins at its first one.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where a texture cannot have as many pixels across or down.
+    pub fn target(
+        &self,
+        label: &str,
+        rect: PixelRect,
+        format: wgpu::TextureFormat,
+    ) -> Result<wgpu::TextureView, GpuError> {
+        let (needed, limit) = (rect.width().max(rect.height()), self.limits.max_texture_dimension_2d);
+        if needed > limit {
+            let (needed, limit) = (u64::from(needed), u64::from(limit));
+            return Err(GpuError::TooLarge { what: format!("{label}'s side, a byte a pixel,"), needed, limit });
+        }
+        let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
     }
 
     fn fitting(&self, what: &str, bytes: u64) -> Result<u64, GpuError> {

@@ -177,9 +177,11 @@ pub fn in_parts(rect: PixelRect, draw: &mut dyn FnMut(PixelRect) -> Result<(), G
     }
 }
 
-/// Rows apart, or columns where there is one row.
+/// Rows apart, or columns where there are few rows: a band of rows has the least border.
 fn halves(rect: PixelRect) -> (PixelRect, PixelRect) {
-    if rect.height() > 1 {
+    /// Bands get no flatter than this.
+    const MOST_FLAT: u32 = 64;
+    if rect.height() > 1 && rect.width() / rect.height() < MOST_FLAT {
         let y = rect.y0 + rect.height() / 2;
         (PixelRect { y1: y, ..rect }, PixelRect { y0: y, ..rect })
     } else {

@@ -8,6 +8,7 @@
 //! *Practice.* The CPU's path owns what is right: every twin is compared with it. A module that a shader is made of is in
 //! [`shader::all`], which a test checks without a GPU.
 
+pub mod blister;
 pub mod buffers;
 pub mod device;
 pub mod layers;

@@ -1,6 +1,7 @@
 //! What needs a GPU. Without an adapter every test here is reported as ignored, never as passed; with `SURFCUT_NEEDS_GPU` set in the
 //! environment that is a failure, which is how `.ci/run` runs them.
 
+mod blister;
 mod core;
 
 use std::process::ExitCode;
@@ -13,7 +14,7 @@ pub type Test = (&'static str, fn(&'static Gpu));
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
-    let tests: Vec<Test> = [core::TESTS].concat();
+    let tests: Vec<Test> = [core::TESTS, blister::TESTS].concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {
         Ok(gpu) => Some(Box::leak(Box::new(gpu))),
         Err(error) if std::env::var_os("SURFCUT_NEEDS_GPU").is_some() => {

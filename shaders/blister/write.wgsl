@@ -1,0 +1,80 @@
+// Twin of blister/write.rs: what survived, as records of layers.
+
+// Where each pixel's records begin.
+@group(0) @binding(10) var<storage, read> record_offsets: array<u32>;
+@group(0) @binding(11) var<storage, read_write> records: array<LayerRecord>;
+// Of triangles, three each.
+@group(0) @binding(12) var<storage, read> corners: array<PlacedCorner>;
+
+fn linear_from_srgb(channel: f32) -> f32 {
+    return select(pow((channel + 0.055) / 1.055, 2.4), channel / 12.92, channel <= 0.04045);
+}
+
+fn unpacked(colour: u32) -> vec3<f32> {
+    let srgb = unpack4x8unorm(colour).xyz;
+    return vec3<f32>(linear_from_srgb(srgb.x), linear_from_srgb(srgb.y), linear_from_srgb(srgb.z));
+}
+
+// The colours of a triangle's corners, mixed linearly over the surface: on the picture, by the corners' keys.
+fn mixed_colour(surface: u32, at: vec2<u32>) -> vec3<f32> {
+    let p = vec2<f32>(at + frame.origin) + 0.5;
+    let a = vec2<f32>(corners[3u * surface].x, corners[3u * surface].y) - p;
+    let b = vec2<f32>(corners[3u * surface + 1u].x, corners[3u * surface + 1u].y) - p;
+    let c = vec2<f32>(corners[3u * surface + 2u].x, corners[3u * surface + 2u].y) - p;
+    var weights = vec3<f32>(b.x * c.y - b.y * c.x, c.x * a.y - c.y * a.x, a.x * b.y - a.y * b.x);
+    if frame.is_perspective != 0u {
+        let key = surfaces[surface].key.xy;
+        let here = key_at(surface, at);
+        // Keys at the corners; the plane's, as at the fragment.
+        weights *= vec3<f32>(here + dot(key, a), here + dot(key, b), here + dot(key, c));
+    }
+    let sum = weights.x + weights.y + weights.z;
+    if !(abs(sum) > 0.0) {
+        return slots[surfaces[surface].slot].colour;
+    }
+    weights = max(weights / sum, vec3<f32>(0.0));
+    let colours = surfaces[surface].colour;
+    return weights.x * unpacked(colours.x) + weights.y * unpacked(colours.y) + weights.z * unpacked(colours.z);
+}
+
+fn colour_of(surface: u32, at: vec2<u32>) -> vec3<f32> {
+    let flags = surfaces[surface].flags;
+    if (flags & SURFACE_OWN_COLOUR) != 0u {
+        return bitcast<vec3<f32>>(surfaces[surface].colour);
+    }
+    if (flags & SURFACE_CORNER_COLOURS) != 0u {
+        return mixed_colour(surface, at);
+    }
+    return slots[surfaces[surface].slot].colour;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn write(thread: Thread) {
+    let pixel = thread_number(thread);
+    if pixel >= pixel_count() {
+        return;
+    }
+    let first = record_offsets[pixel];
+    let count = record_offsets[pixel + 1u] - first;
+    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
+    let whole = vec2<f32>(at + frame.origin);
+    let dir = frame.first_dir + frame.dir_across * whole.x + frame.dir_down * whole.y;
+    for (var i = 0u; i < count; i++) {
+        let survivor = sorted[offsets[pixel] + i];
+        let slot = surfaces[survivor.surface].slot;
+        let is_front = survivor.is_front != 0u;
+        let normal = surfaces[survivor.surface].normal;
+        // Outward from the result: against the ray where it is entered, along it where it is left.
+        let is_along = dot(normal, dir) > 0.0;
+        var record: LayerRecord;
+        record.normal = select(normal, -normal, is_along == is_front);
+        record.depth = select(-survivor.key, 1.0 / survivor.key, frame.is_perspective != 0u);
+        record.colour = colour_of(survivor.surface, at);
+        record.opacity = slots[slot].opacity;
+        record.leaf = slots[slot].leaf;
+        record.body = slots[survivor.slot].leaf;
+        record.facing = select(-1, 1, is_front);
+        record.samples = frame.samples;
+        records[first + i] = record;
+    }
+}

@@ -1,0 +1,319 @@
+//! What a frame uploads: corners, surfaces, slots and the expression's steps.
+
+use crate::blister::frame::MeshFrame;
+use crate::blister::frame::arrangement::{Arranged, Arrangement, DrawnSlot, DrawnSurface, SurfaceColour};
+use crate::gpu::{Gpu, GpuError};
+use crate::gpu_struct;
+use crate::space::{Camera, PixelRect};
+
+/// Bits of `Slot::flags` and `Surface::flags`.
+pub(super) mod flags {
+    /// Never in or out.
+    pub const SLOT_SHEET: u32 = 1;
+    /// A half-space.
+    pub const SLOT_ENDLESS: u32 = 2;
+    /// Boundaries on it do not show.
+    pub const SURFACE_HIDDEN: u32 = 1;
+    /// `colour` has the bits of linear RGB.
+    pub const SURFACE_OWN_COLOUR: u32 = 2;
+    /// `colour` has the sRGB bytes of a triangle's corners.
+    pub const SURFACE_CORNER_COLOURS: u32 = 4;
+}
+
+gpu_struct! {
+    /// A band of a frame.
+    pub struct Frame {
+        /// Its first pixel.
+        origin: [u32; 2],
+        /// Pixels across and down.
+        size: [u32; 2],
+        /// The ray's direction at the sample of the picture's first pixel.
+        first_dir: [f32; 3],
+        /// 1 or 0.
+        is_perspective: u32,
+        /// What a pixel to the right adds to the direction.
+        dir_across: [f32; 3],
+        /// The bits of the samples that are drawn.
+        samples: u32,
+        /// What a pixel down adds to the direction.
+        dir_down: [f32; 3],
+        /// 1 where nothing behind an opaque boundary is wanted.
+        is_nearest: u32,
+        /// How many slots are half-spaces.
+        endless: u32,
+        /// How many slots there are.
+        slots: u32,
+        /// Nothing.
+        spare: [u32; 2],
+    }
+}
+
+gpu_struct! {
+    /// A [`csg::steps::Step`](crate::csg::steps::Step).
+    pub struct Step {
+        /// Which word of the state.
+        word: u32,
+        /// Which bits of it.
+        mask: u32,
+        /// Those that are complemented.
+        negated: u32,
+        /// 1 where one literal that fails decides.
+        is_and: u32,
+        /// The next step where the literals decide.
+        decided: u32,
+        /// The next step where they do not.
+        open: u32,
+    }
+}
+
+gpu_struct! {
+    /// How a leaf looks.
+    pub struct Slot {
+        /// Linear RGB.
+        colour: [f32; 3],
+        /// 0 to 1.
+        opacity: f32,
+        /// Rays begin inside a half-space where this, times (x, y, 1), is not positive.
+        begins: [f32; 3],
+        /// Its index in the scene.
+        leaf: u32,
+        /// `SLOT_…`
+        flags: u32,
+        /// Nothing.
+        gap: u32,
+        /// Nothing.
+        spare: [u32; 2],
+    }
+}
+
+gpu_struct! {
+    /// What fragments are of.
+    pub struct Surface {
+        /// The key's change to the right and down, and its value at the anchor.
+        key: [f32; 3],
+        /// The leaf.
+        slot: u32,
+        /// A whole pixel of the picture.
+        anchor: [f32; 2],
+        /// Least and greatest key.
+        range: [f32; 2],
+        /// Unit normal in world space, either way round.
+        normal: [f32; 3],
+        /// `SURFACE_…`
+        flags: u32,
+        /// What the flags say.
+        colour: [u32; 3],
+        /// Nothing.
+        spare: u32,
+    }
+}
+
+gpu_struct! {
+    /// A vertex of what is drawn.
+    pub struct PlacedCorner {
+        /// Pixels of the picture.
+        x: f32,
+        /// Pixels of the picture.
+        y: f32,
+        /// What it is of.
+        surface: u32,
+    }
+}
+
+gpu_struct! {
+    /// A fragment, as it comes.
+    pub struct Fragment {
+        /// Which pixel of the band.
+        pixel: u32,
+        /// Its number among the pixel's.
+        number: u32,
+        /// What it is of.
+        surface: u32,
+        /// Larger is nearer.
+        key: f32,
+    }
+}
+
+gpu_struct! {
+    /// A fragment in its pixel's list, and then a boundary.
+    pub struct Survivor {
+        /// Larger is nearer.
+        key: f32,
+        /// What it is of.
+        surface: u32,
+        /// Of a fragment, its leaf; of a boundary, whose material is behind.
+        slot: u32,
+        /// Of a boundary, whether the result is entered.
+        is_front: u32,
+    }
+}
+
+/// One sample of a frame, uploaded.
+#[derive(Debug)]
+pub(super) struct Uploaded {
+    /// Three for each triangle, then one for each fragment.
+    pub corners: wgpu::Buffer,
+    /// How many triangles there are.
+    pub triangles: u32,
+    /// How many fragments beside them.
+    pub fragments: u32,
+    pub surfaces: wgpu::Buffer,
+    pub slots: wgpu::Buffer,
+    pub steps: wgpu::Buffer,
+    /// The slots of half-spaces.
+    pub endless: wgpu::Buffer,
+    /// What every band of it has in common.
+    pub frame: Frame,
+    /// Words of a state.
+    pub words: u32,
+}
+
+/// Gathers what is drawn.
+#[derive(Default)]
+struct Gathered {
+    corners: Vec<PlacedCorner>,
+    fragments: Vec<PlacedCorner>,
+    surfaces: Vec<Surface>,
+}
+
+impl Gathered {
+    fn push(&mut self, surface: &DrawnSurface) -> u32 {
+        let (mut flags, colour) = match surface.colour {
+            SurfaceColour::Leaf => (0, [0; 3]),
+            SurfaceColour::Own(colour) => (flags::SURFACE_OWN_COLOUR, colour.map(f32::to_bits)),
+            SurfaceColour::Corners(colours) => {
+                let packed = |[r, g, b]: [u8; 3]| u32::from_le_bytes([r, g, b, u8::MAX]);
+                (flags::SURFACE_CORNER_COLOURS, colours.map(packed))
+            }
+        };
+        if !surface.is_drawn {
+            flags |= flags::SURFACE_HIDDEN;
+        }
+        self.surfaces.push(Surface {
+            key: surface.key,
+            slot: surface.slot,
+            anchor: surface.anchor,
+            range: surface.range,
+            normal: surface.normal.to_array(),
+            flags,
+            colour,
+            spare: 0,
+        });
+        self.surfaces.len() as u32 - 1
+    }
+}
+
+impl Arrangement for Gathered {
+    fn triangle(&mut self, corners: [[f32; 2]; 3], surface: &DrawnSurface) {
+        let surface = self.push(surface);
+        self.corners.extend(corners.map(|[x, y]| PlacedCorner { x, y, surface }));
+    }
+
+    fn surface(&mut self, surface: &DrawnSurface) -> u32 {
+        self.push(surface)
+    }
+
+    fn fragment(&mut self, x: u32, y: u32, surface: u32) {
+        self.fragments.push(PlacedCorner { x: x as f32 + 0.5, y: y as f32 + 0.5, surface });
+    }
+}
+
+impl Uploaded {
+    /// One of the samples of `frame`; `None` where the expression is a constant, and nothing is to be drawn.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] for geometry that fits no buffer.
+    pub fn new(gpu: &Gpu, frame: &MeshFrame, sample: usize) -> Result<Option<Self>, GpuError> {
+        let Arranged { expression, slots, is_nearest } = frame.arranged(sample);
+        let Some(expression) = expression else { return Ok(None) };
+        let mut gathered = Gathered::default();
+        frame.arrange(&expression, sample, &mut gathered);
+        let Gathered { mut corners, fragments, surfaces } = gathered;
+        let triangles = corners.len() as u32 / 3;
+        corners.extend_from_slice(&fragments);
+        let steps: Vec<Step> = expression.steps().iter().map(step).collect();
+        let is_endless = |slot: &&(usize, &DrawnSlot)| slot.1.begins_inside.is_some();
+        let endless: Vec<u32> =
+            slots.iter().enumerate().collect::<Vec<_>>().iter().filter(is_endless).map(|slot| slot.0 as u32).collect();
+        let looks: Vec<Slot> = slots.iter().map(slot).collect();
+        let camera = frame.camera_of();
+        let samples = if frame.sample_count() == 1 { 1 } else { 1 << sample };
+        Ok(Some(Self {
+            corners: gpu.upload("corners", &corners)?,
+            triangles,
+            fragments: fragments.len() as u32,
+            surfaces: gpu.upload("surfaces", &surfaces)?,
+            slots: gpu.upload("slots", &looks)?,
+            steps: gpu.upload("steps", &steps)?,
+            endless: gpu.upload("endless", &endless)?,
+            frame: Frame {
+                samples,
+                is_nearest: u32::from(is_nearest),
+                endless: endless.len() as u32,
+                slots: looks.len() as u32,
+                ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
+            },
+            words: expression.words() as u32,
+        }))
+    }
+
+    /// What shaders know of a band.
+    pub fn band(&self, rect: PixelRect) -> Frame {
+        Frame { origin: [rect.x0, rect.y0], size: [rect.width(), rect.height()], ..self.frame }
+    }
+}
+
+fn step(step: &crate::csg::steps::Step) -> Step {
+    Step {
+        word: step.word,
+        mask: step.mask,
+        negated: step.negated,
+        is_and: u32::from(step.is_and),
+        decided: step.decided,
+        open: step.open,
+    }
+}
+
+fn slot(slot: &DrawnSlot) -> Slot {
+    let sheet = if slot.is_sheet { flags::SLOT_SHEET } else { 0 };
+    let endless = if slot.begins_inside.is_some() { flags::SLOT_ENDLESS } else { 0 };
+    Slot {
+        colour: slot.colour,
+        opacity: slot.opacity,
+        begins: slot.begins_inside.map_or([0.0; 3], |side| side.map(|number| number as f32)),
+        leaf: slot.leaf.0,
+        flags: sheet | endless,
+        ..Slot::default()
+    }
+}
+
+/// The camera's part, for samples at `offset` in their pixels.
+fn view(camera: &Camera, offset: glam::DVec2) -> Frame {
+    let dir = |px: glam::DVec2| camera.ray(px + offset).dir;
+    let first = dir(glam::DVec2::ZERO);
+    let is_perspective = matches!(camera.projection, crate::space::Projection::Perspective { .. });
+    Frame {
+        first_dir: first.as_vec3().to_array(),
+        is_perspective: u32::from(is_perspective),
+        dir_across: (dir(glam::DVec2::X) - first).as_vec3().to_array(),
+        dir_down: (dir(glam::DVec2::Y) - first).as_vec3().to_array(),
+        ..Frame::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::layout::assert_same_layout;
+
+    #[test]
+    fn the_structs_are_the_shaders() {
+        assert_same_layout::<Frame>();
+        assert_same_layout::<Step>();
+        assert_same_layout::<Slot>();
+        assert_same_layout::<Surface>();
+        assert_same_layout::<PlacedCorner>();
+        assert_same_layout::<Fragment>();
+        assert_same_layout::<Survivor>();
+    }
+}
