@@ -2,8 +2,6 @@
 
 // How many boundaries each pixel has.
 @group(0) @binding(9) var<storage, read_write> kept: array<u32>;
-// The slots of half-spaces.
-@group(0) @binding(13) var<storage, read> endless: array<u32>;
 
 fn is_nearer(a: Survivor, b: Survivor) -> bool {
     // Of equal keys the first surface.
@@ -82,9 +80,8 @@ fn resolve(thread: Thread) {
         }
     }
     let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
-    for (var i = 0u; i < frame.endless; i++) {
-        let slot = endless[i];
-        if begins_inside(slot, at) {
+    for (var slot = 0u; frame.endless > 0u && slot < frame.slots; slot++) {
+        if is_endless(slot) && begins_inside(slot, at) {
             after[word_of(slot)] |= bit_of(slot);
         }
     }

@@ -30,15 +30,19 @@ Exit codes:
   3   an input cannot be used: a file, a scene, an expression
   4   an output was refused: it exists, or cannot be written
   5   check found that the result is certainly empty
+  6   the GPU cannot be used, and --backend gpu asks for it
   70  a bug in surfcut";
 
 /// Cuts scans and meshes with Boolean expressions and draws the result, without first turning a scan into a mesh.
 #[derive(Debug, Parser)]
-#[command(name = "surfcut", version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
+#[command(name = "surfcut", version, after_help = EXIT_CODES, arg_required_else_help = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
-    pub command: Command,
+    pub command: Option<Command>,
+    /// Tell which GPUs there are, and do nothing else
+    #[arg(long, exclusive = true)]
+    pub list_gpus: bool,
     /// Flags that every command takes.
     #[command(flatten)]
     pub common: Common,
@@ -203,6 +207,29 @@ pub struct PipelineArgs {
     pub density: DensityArgs,
 }
 
+/// Whose processor draws.
+#[derive(Debug, Clone, Args)]
+pub struct BackendArgs {
+    /// Whose processor draws
+    #[arg(long, value_enum, default_value_t, help_heading = "Pipeline")]
+    pub backend: Backend,
+    /// Draw with the GPU whose name has this in it (--list-gpus tells which there are)
+    #[arg(long, value_name = "NAME", help_heading = "Pipeline")]
+    pub gpu: Option<String>,
+}
+
+/// Whose processor draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Backend {
+    /// A GPU where there is one and it can draw the scene, else the CPU
+    #[default]
+    Auto,
+    /// The CPU
+    Cpu,
+    /// A GPU, even one in software; fails where it cannot
+    Gpu,
+}
+
 /// Whose layers are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Union {
@@ -328,6 +355,9 @@ pub struct RenderArgs {
     /// How it is drawn.
     #[command(flatten)]
     pub pipeline: PipelineArgs,
+    /// Whose processor draws.
+    #[command(flatten)]
+    pub backend: BackendArgs,
     /// Draw N times after a warm-up, the camera turned by 1° each time, and report median times
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "General")]
     pub repeat: Option<u32>,
@@ -540,7 +570,7 @@ mod tests {
 
     fn render(line: &str) -> Result<RenderArgs, clap::Error> {
         let words = ["surfcut", "render"].into_iter().chain(line.split_whitespace());
-        match Cli::try_parse_from(words)?.command {
+        match Cli::try_parse_from(words)?.command.expect("the words name a command") {
             Command::Render(args) => Ok(args),
             other => panic!("{other:?}"),
         }

@@ -9,6 +9,8 @@ use surfcut::blister::{MeshFrame, MeshLeaf, MeshModel};
 use surfcut::classify::Model;
 use surfcut::classify::partners::{Among, PartnerLists};
 use surfcut::csg::{LeafId, TooManyProducts, Tree};
+#[cfg(feature = "gpu")]
+use surfcut::gpu::{Gpu, GpuLayerSource, blister::GpuMeshFrame};
 use surfcut::hybrid::HybridModel;
 use surfcut::layers::merged::MergedLayers;
 use surfcut::layers::{LayerLimit, LayerSource};
@@ -20,6 +22,8 @@ use surfcut::space::{Camera, Motion};
 use surfcut::splat::{Frame, Partners, SplatSettings};
 
 use super::args::{Pipeline, PipelineArgs, Union};
+#[cfg(feature = "gpu")]
+use super::backend::BackendError;
 use super::failure::InputError;
 use super::progress::Bars;
 
@@ -37,6 +41,11 @@ pub trait Engine {
     }
     /// One frame.
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
+    /// One frame that `gpu` draws.
+    #[cfg(feature = "gpu")]
+    fn gpu_frame(&self, _: &Gpu, _: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        Err(BackendError::NotThere(format!("with --pipeline {}", self.pipeline())))
+    }
     /// Brings the leaves to a pose: each from where the scene has it; those that are not named, back there.
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()>;
 }
@@ -399,6 +408,16 @@ impl Engine for MeshEngine {
             None => frame(&self.model),
             Some(parts) => merged(camera, samples, parts.iter().map(frame).collect()),
         })
+    }
+
+    #[cfg(feature = "gpu")]
+    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        let FrameArgs { samples, limit } = self.frame;
+        if self.parts.is_some() {
+            return Err(BackendError::NotThere("--union products".to_owned()));
+        }
+        let frame = MeshFrame::new(&self.model, camera.clone(), limit, samples);
+        Ok(Box::new(GpuMeshFrame::new(gpu, frame)?))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

@@ -14,6 +14,8 @@ use surfcut::scene::toml_file::ReadSceneError;
 use surfcut::scene::tree_json::TreeJsonError;
 use surfcut::space::CameraError;
 
+use super::backend::BackendError;
+
 /// The exit codes, as the help documents them.
 pub mod code {
     /// Done.
@@ -28,6 +30,8 @@ pub mod code {
     pub const OUTPUT: u8 = 4;
     /// `check` found that the result is certainly empty.
     pub const EMPTY: u8 = 5;
+    /// The GPU cannot be used, and it was asked for.
+    pub const GPU: u8 = 6;
     /// A bug.
     pub const INTERNAL: u8 = 70;
 }
@@ -63,6 +67,9 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<CompareError>()
         {
             return code::INPUT;
+        }
+        if cause.is::<BackendError>() {
+            return code::GPU;
         }
         if cause.is::<OutputError>() || cause.is::<FramesError>() || cause.is::<std::io::Error>() {
             return code::OUTPUT;

@@ -1,6 +1,7 @@
 //! The command: flags to library to files. Only this module and `main` print or set the exit code.
 
 pub mod args;
+mod backend;
 mod chart;
 mod check;
 mod compare;
@@ -110,7 +111,17 @@ fn dispatch(cli: Cli) -> anyhow::Result<u8> {
     if let Some(destination) = session.summary_destination() {
         destination.check(session.overwrite())?;
     }
-    match cli.command {
+    if cli.list_gpus {
+        backend::list(&session)?;
+        return Ok(code::OK);
+    }
+    let Some(command) = cli.command else {
+        // The flags of all commands without one of them.
+        let error = Cli::command().error(clap::error::ErrorKind::MissingSubcommand, "say what to do, such as `render`");
+        let _ = error.print();
+        return Ok(code::USAGE);
+    };
+    match command {
         Command::Render(args) => render::run(&args, &session),
         Command::Info(args) => info::run(&args, &session),
         Command::Check(args) => check::run(&args, &session),

@@ -22,6 +22,7 @@ use surfcut::scene::{LeafGeometry, LoadedScene};
 use surfcut::space::{Camera, CameraError, Lens, Projection};
 
 use super::args::{RenderArgs, ViewArgs};
+use super::backend::{self, Device};
 use super::engine::{Engine, FrameArgs, engine};
 use super::failure::{UsageError, code};
 use super::memory::Held;
@@ -62,8 +63,11 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let hatching = Hatching::of_scene(&loaded, &style);
     let heavy = hatching.heavy();
     let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) };
+    let device = Device::open(&args.backend, session)?;
+    report.settings.insert("backend".to_owned(), json!(device.as_ref().map_or("cpu".to_owned(), Device::name)));
     let drawing = Drawing {
         engine: &*engine,
+        device: device.as_ref(),
         look,
         style,
         leaves,
@@ -247,6 +251,8 @@ pub fn describe(
 pub struct Drawing<'a> {
     /// What draws.
     pub engine: &'a dyn Engine,
+    /// Where it draws, where that is not the CPU.
+    pub device: Option<&'a Device<'a>>,
     /// How surfaces look.
     pub look: Look,
     /// The style.
@@ -282,7 +288,7 @@ pub struct Drawn {
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
     pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
-        let source = report.phase("prepare", || self.engine.frame(camera))?;
+        let source = report.phase("prepare", || backend::source(self.device, self.engine, camera))?;
         let stack = self.wants_layers.then(|| report.phase("frame", || LayerStack::collect(&*source)));
         let source: &dyn LayerSource = stack.as_ref().map_or(&*source, |stack| stack);
         let mut style = self.style;
@@ -316,7 +322,7 @@ impl Drawing<'_> {
 
     /// Writes what the picture is made of into `folder`.
     pub fn dump_maps(&self, camera: &Camera, style: &Style, folder: &Path, session: &Session) -> anyhow::Result<()> {
-        let source = self.engine.frame(camera)?;
+        let source = backend::source(self.device, self.engine, camera)?;
         let maps = maps(&*source, &self.look, style, self.leaves);
         let destinations: Vec<Destination> =
             maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
@@ -346,7 +352,7 @@ impl Drawing<'_> {
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
-            let source = self.engine.frame(&turned)?;
+            let source = backend::source(self.device, self.engine, &turned)?;
             std::hint::black_box(self.styled(&*source, style, &|| ()));
             if turn > 0 {
                 times.push(watch.times());

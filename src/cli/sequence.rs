@@ -21,6 +21,7 @@ use surfcut::space::{Camera, CameraError, Motion};
 use twox_hash::XxHash3_128;
 
 use super::args::{Operands, RenderArgs};
+use super::backend::Device;
 use super::engine::engine;
 use super::failure::{InputError, UsageError, code};
 use super::memory::Held;
@@ -78,6 +79,8 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let mut engine = engine(&mut loaded, &args.pipeline, frame, &closest.camera, session.bars, &mut report)?;
         report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
         report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
+        let device = Device::open(&args.backend, session)?;
+        report.settings.insert("backend".to_owned(), json!(device.as_ref().map_or("cpu".to_owned(), Device::name)));
         let bar = session.bars.count(missing.len() as u64, "frames");
         let mut times: Vec<Times> = Vec::new();
         let mut covered = 0;
@@ -96,6 +99,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
             let heavy = hatching.heavy();
             let drawing = Drawing {
                 engine: &*engine,
+                device: device.as_ref(),
                 look,
                 style,
                 leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) },

@@ -28,6 +28,7 @@ pub mod products;
 pub mod residual;
 pub mod status;
 pub mod steps;
+pub mod superset;
 mod tree;
 mod tri;
 pub mod walk;

@@ -167,6 +167,12 @@ impl Gpu {
     }
 }
 
+/// At least `groups` workgroups, across and down.
+pub(super) fn grid(groups: usize) -> [u32; 2] {
+    let across = groups.clamp(1, GROUPS_ACROSS as usize);
+    [across as u32, groups.div_ceil(across) as u32]
+}
+
 /// What storage buffers can be used for.
 const USAGES: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
     .union(wgpu::BufferUsages::VERTEX)
@@ -193,13 +199,27 @@ impl<'g> Commands<'g> {
         if groups == 0 {
             return;
         }
-        let across = groups.min(GROUPS_ACROSS as usize);
-        let down = groups.div_ceil(across);
+        let [across, down] = grid(groups);
         self.gpu.counters.dispatches.fetch_add(1, Ordering::Relaxed);
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(kernel);
         pass.set_bind_group(0, group, &[]);
-        pass.dispatch_workgroups(across as u32, down as u32, 1);
+        pass.dispatch_workgroups(across, down, 1);
+    }
+
+    /// Runs `kernel` with as many workgroups as `arguments` say from the byte `offset` on.
+    pub fn dispatch_indirect(
+        &mut self,
+        kernel: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        arguments: &wgpu::Buffer,
+        offset: u64,
+    ) {
+        self.gpu.counters.dispatches.fetch_add(1, Ordering::Relaxed);
+        let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(kernel);
+        pass.set_bind_group(0, group, &[]);
+        pass.dispatch_workgroups_indirect(arguments, offset);
     }
 
     /// Counts a render pass with its draws and triangles.

@@ -5,7 +5,7 @@
 
 use super::device::{Gpu, GpuError};
 use crate::gpu_struct;
-use crate::layers::{Boundary, Facing, LayerSource, LayerTile};
+use crate::layers::{Boundary, Facing, LayerSource, LayerStack, LayerTile};
 use crate::space::{Camera, PixelRect};
 
 gpu_struct! {
@@ -131,6 +131,52 @@ impl<S: LayerSource> GpuLayerSource for Uploaded<S> {
 
     fn draw(&self, gpu: &Gpu, rect: PixelRect) -> Result<GpuLayers, GpuError> {
         GpuLayers::upload(gpu, &drawn(&self.0, rect))
+    }
+}
+
+/// All layers of a frame, for the CPU to draw with.
+///
+/// # Errors
+/// Those of [`GpuLayerSource::draw`].
+pub fn collect(gpu: &Gpu, source: &dyn GpuLayerSource) -> Result<LayerStack, GpuError> {
+    let camera = source.camera();
+    let mut parts = Vec::new();
+    let mut draw = |rect| {
+        parts.push(source.draw(gpu, rect)?.download(gpu)?);
+        Ok(())
+    };
+    in_parts(PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height }, &mut draw)?;
+    Ok(LayerStack::collect(&Parts { camera: camera.clone(), samples: source.samples(), parts }))
+}
+
+/// A frame in parts of any size.
+struct Parts {
+    camera: Camera,
+    samples: u32,
+    parts: Vec<LayerTile>,
+}
+
+impl LayerSource for Parts {
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    fn draw(&self, rect: PixelRect) -> LayerTile {
+        let holds = |part: &PixelRect, x: u32, y: u32| part.x0 <= x && x < part.x1 && part.y0 <= y && y < part.y1;
+        let mut tile = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+        tile.offsets.push(0);
+        for y in rect.y0..rect.y1 {
+            for x in rect.x0..rect.x1 {
+                let part = self.parts.iter().find(|part| holds(&part.rect, x, y));
+                part.into_iter().for_each(|part| tile.boundaries.extend_from_slice(part.at(x, y)));
+                tile.offsets.push(tile.boundaries.len() as u32);
+            }
+        }
+        tile
     }
 }
 

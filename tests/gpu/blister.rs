@@ -4,7 +4,7 @@ use std::path::Path;
 
 use surfcut::blister::{MeshFrame, MeshModel};
 use surfcut::formats::NoProgress;
-use surfcut::gpu::blister::GpuMeshFrame;
+use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 use surfcut::gpu::layers::{GpuLayerSource, in_parts};
 use surfcut::gpu::{Gpu, GpuError};
 use surfcut::layers::{LayerLimit, LayerStack, LayerTile};
@@ -16,9 +16,9 @@ use surfcut::space::{Camera, PixelRect};
 use crate::Test;
 
 pub const TESTS: &[Test] = &[
-    ("lists_have_the_layers_of_the_cpu", lists_have_the_layers_of_the_cpu),
-    ("lists_of_solids_have_the_layers_of_the_cpu", lists_of_solids_have_the_layers_of_the_cpu),
-    ("lists_of_several_samples_have_the_layers_of_the_cpu", lists_of_several_samples_have_the_layers_of_the_cpu),
+    ("meshes_have_the_layers_of_the_cpu", meshes_have_the_layers_of_the_cpu),
+    ("solids_have_the_layers_of_the_cpu", solids_have_the_layers_of_the_cpu),
+    ("several_samples_have_the_layers_of_the_cpu", several_samples_have_the_layers_of_the_cpu),
     ("a_list_that_is_too_short_grows", a_list_that_is_too_short_grows),
 ];
 
@@ -86,26 +86,29 @@ fn check(gpu: &Gpu, name: &str, loaded: &LoadedScene, samples: u32) {
     for limit in [LayerLimit::Nearest, LayerLimit::All] {
         let frame = || MeshFrame::new(&model, camera.clone(), limit, samples);
         let cpu = LayerStack::collect(&frame());
-        let tiles = drawn(gpu, &GpuMeshFrame::new(gpu, frame()).unwrap());
-        let (wrong, all) = differing(&cpu, &tiles);
-        assert!(all > 1000, "{name}: only {all} pixels show anything");
-        assert!(wrong as f64 <= 0.001 * all as f64, "{name}, {limit:?}: {wrong} of {all} pixels differ");
+        for classifier in Classifier::ALL {
+            let of_gpu = GpuMeshFrame::new(gpu, frame()).unwrap().with_classifier(classifier);
+            let (wrong, all) = differing(&cpu, &drawn(gpu, &of_gpu));
+            let what = format!("{name}, {limit:?}, {}", classifier.name());
+            assert!(all > 1000, "{what}: only {all} pixels show anything");
+            assert!(wrong as f64 <= 0.001 * all as f64, "{what}: {wrong} of {all} pixels differ");
+        }
     }
 }
 
-fn lists_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
+fn meshes_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
     for name in ["widget", "spanner", "overlap", "bearing", "mesh_minus_mesh"] {
         check(gpu, name, &as_meshes(loaded(name, (200, 150))), 1);
     }
 }
 
-fn lists_of_solids_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
+fn solids_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
     for name in ["widget", "spanner", "overlap", "bearing"] {
         check(gpu, name, &loaded(name, (120, 90)), 1);
     }
 }
 
-fn lists_of_several_samples_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
+fn several_samples_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
     check(gpu, "widget", &as_meshes(loaded("widget", (120, 90))), 4);
 }
 

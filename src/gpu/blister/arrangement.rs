@@ -1,5 +1,9 @@
 //! What a frame uploads: corners, surfaces, slots and the expression's steps.
 
+use std::ops::Range;
+
+use glam::Vec2;
+
 use crate::blister::frame::MeshFrame;
 use crate::blister::frame::arrangement::{Arranged, Arrangement, DrawnSlot, DrawnSurface, SurfaceColour};
 use crate::gpu::{Gpu, GpuError};
@@ -12,6 +16,8 @@ pub(super) mod flags {
     pub const SLOT_SHEET: u32 = 1;
     /// A half-space.
     pub const SLOT_ENDLESS: u32 = 2;
+    /// One of the leaves that hold all of the result.
+    pub const SLOT_IN_SUPERSET: u32 = 4;
     /// Boundaries on it do not show.
     pub const SURFACE_HIDDEN: u32 = 1;
     /// `colour` has the bits of linear RGB.
@@ -43,8 +49,10 @@ gpu_struct! {
         endless: u32,
         /// How many slots there are.
         slots: u32,
+        /// 1 where a superset bounds the layers.
+        is_bounded: u32,
         /// Nothing.
-        spare: [u32; 2],
+        spare: u32,
     }
 }
 
@@ -135,6 +143,46 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// A pixel that is being peeled.
+    pub struct PeelPixel {
+        /// The layer that is being classified, as an order; `ALL_ORDERS` before the first.
+        front: u32,
+        /// No boundary is behind this.
+        back: u32,
+        /// 1 where nothing more is wanted.
+        is_done: u32,
+        /// The boundary whose surface is not known yet: its order, or `NO_SLOT` where there is none.
+        kept_order: u32,
+        /// Its leaf.
+        kept_owner: u32,
+        /// Its place among all boundaries.
+        kept_place: u32,
+        /// Boundaries found so far.
+        count: u32,
+        /// Nothing.
+        gap: u32,
+    }
+}
+
+gpu_struct! {
+    /// A boundary that peeling found.
+    pub struct KeptBoundary {
+        /// Which pixel of the band.
+        pixel: u32,
+        /// Its number among the pixel's.
+        number: u32,
+        /// Larger is nearer.
+        key: f32,
+        /// Whose material is behind.
+        body: u32,
+        /// Whether the result is entered.
+        is_front: u32,
+        /// Nothing.
+        gap: u32,
+    }
+}
+
+gpu_struct! {
     /// A fragment in its pixel's list, and then a boundary.
     pub struct Survivor {
         /// Larger is nearer.
@@ -160,8 +208,8 @@ pub(super) struct Uploaded {
     pub surfaces: wgpu::Buffer,
     pub slots: wgpu::Buffer,
     pub steps: wgpu::Buffer,
-    /// The slots of half-spaces.
-    pub endless: wgpu::Buffer,
+    /// The triangles of a superset: ranges of them. `None` where only everything holds the result.
+    pub superset: Option<Vec<Range<u32>>>,
     /// What every band of it has in common.
     pub frame: Frame,
     /// Words of a state.
@@ -174,6 +222,36 @@ struct Gathered {
     corners: Vec<PlacedCorner>,
     fragments: Vec<PlacedCorner>,
     surfaces: Vec<Surface>,
+    /// By slot.
+    extents: Vec<Extent>,
+}
+
+/// Where on the picture a slot is.
+#[derive(Debug, Clone)]
+struct Extent {
+    /// Its triangles, which stand together.
+    triangles: Range<u32>,
+    low: Vec2,
+    high: Vec2,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self { triangles: 0..0, low: Vec2::INFINITY, high: Vec2::NEG_INFINITY }
+    }
+}
+
+impl Extent {
+    fn take(&mut self, x: f32, y: f32) {
+        self.low = self.low.min(Vec2::new(x, y));
+        self.high = self.high.max(Vec2::new(x, y));
+    }
+
+    /// Pixels that it may cover, as far as they can be told from its box.
+    fn area(&self) -> f64 {
+        let size = (self.high - self.low).max(Vec2::ZERO);
+        f64::from(size.x) * f64::from(size.y)
+    }
 }
 
 impl Gathered {
@@ -205,7 +283,13 @@ impl Gathered {
 
 impl Arrangement for Gathered {
     fn triangle(&mut self, corners: [[f32; 2]; 3], surface: &DrawnSurface) {
-        let surface = self.push(surface);
+        let (slot, surface) = (surface.slot as usize, self.push(surface));
+        let extent = &mut self.extents[slot];
+        if extent.triangles.is_empty() {
+            extent.triangles.start = surface;
+        }
+        extent.triangles.end = surface + 1;
+        corners.iter().for_each(|[x, y]| extent.take(*x, *y));
         self.corners.extend(corners.map(|[x, y]| PlacedCorner { x, y, surface }));
     }
 
@@ -214,6 +298,7 @@ impl Arrangement for Gathered {
     }
 
     fn fragment(&mut self, x: u32, y: u32, surface: u32) {
+        self.extents[self.surfaces[surface as usize].slot as usize].take(x as f32, y as f32);
         self.fragments.push(PlacedCorner { x: x as f32 + 0.5, y: y as f32 + 0.5, surface });
     }
 }
@@ -226,16 +311,19 @@ impl Uploaded {
     pub fn new(gpu: &Gpu, frame: &MeshFrame, sample: usize) -> Result<Option<Self>, GpuError> {
         let Arranged { expression, slots, is_nearest } = frame.arranged(sample);
         let Some(expression) = expression else { return Ok(None) };
-        let mut gathered = Gathered::default();
+        let mut gathered = Gathered { extents: vec![Extent::default(); slots.len()], ..Gathered::default() };
         frame.arrange(&expression, sample, &mut gathered);
-        let Gathered { mut corners, fragments, surfaces } = gathered;
+        let Gathered { mut corners, fragments, surfaces, extents } = gathered;
         let triangles = corners.len() as u32 / 3;
         corners.extend_from_slice(&fragments);
         let steps: Vec<Step> = expression.steps().iter().map(step).collect();
-        let is_endless = |slot: &&(usize, &DrawnSlot)| slot.1.begins_inside.is_some();
-        let endless: Vec<u32> =
-            slots.iter().enumerate().collect::<Vec<_>>().iter().filter(is_endless).map(|slot| slot.0 as u32).collect();
-        let looks: Vec<Slot> = slots.iter().map(slot).collect();
+        let endless = slots.iter().filter(|slot| slot.begins_inside.is_some()).count();
+        let bounds = expression.superset(|slot| extents[slot as usize].area());
+        let mut looks: Vec<Slot> = slots.iter().map(slot).collect();
+        for &slot in bounds.iter().flatten() {
+            looks[slot as usize].flags |= flags::SLOT_IN_SUPERSET;
+        }
+        let superset = bounds.map(|slots| slots.iter().map(|slot| extents[*slot as usize].triangles.clone()).collect());
         let camera = frame.camera_of();
         let samples = if frame.sample_count() == 1 { 1 } else { 1 << sample };
         Ok(Some(Self {
@@ -245,16 +333,22 @@ impl Uploaded {
             surfaces: gpu.upload("surfaces", &surfaces)?,
             slots: gpu.upload("slots", &looks)?,
             steps: gpu.upload("steps", &steps)?,
-            endless: gpu.upload("endless", &endless)?,
+            superset,
             frame: Frame {
                 samples,
                 is_nearest: u32::from(is_nearest),
-                endless: endless.len() as u32,
+                endless: endless as u32,
                 slots: looks.len() as u32,
                 ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
             },
             words: expression.words() as u32,
         }))
+    }
+
+    /// The corners of triangles, and of the fragments beside them.
+    pub fn vertices(&self) -> [Range<u32>; 2] {
+        let triangles = 3 * self.triangles;
+        [0..triangles, triangles..triangles + self.fragments]
     }
 
     /// What shaders know of a band.
@@ -315,5 +409,7 @@ mod tests {
         assert_same_layout::<PlacedCorner>();
         assert_same_layout::<Fragment>();
         assert_same_layout::<Survivor>();
+        assert_same_layout::<PeelPixel>();
+        assert_same_layout::<KeptBoundary>();
     }
 }

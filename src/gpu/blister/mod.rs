@@ -8,23 +8,36 @@
 //!
 //! *Changes from the paper.* WGSL has no `f64`, so vertices are projected and snapped on the CPU, as for its own pipeline: then both
 //! cover the same samples. Three ways to classify what is drawn: `list` puts every fragment into its pixel's list in one pass and
-//! resolves the lists in compute; the others peel.
+//! resolves the lists in compute; `running` and `parity` peel, the first carrying every leaf's membership from layer to layer, the
+//! second testing every leaf's parity at every layer anew, as the paper does. Both sides of a layer are asked (§4.3 and Fig. 12 of the
+//! paper disagree on ties), and all of its coincident fragments toggle together.
 //!
-//! *Practice.* [`arrangement`] is what is uploaded; [`list`] draws it. A band that needs more than one buffer's worth of fragments
+//! *Practice.* [`arrangement`] is what is uploaded; `list` and `peel` draw it, with the pipelines of `draws`. A band that needs more than one buffer's worth of fragments
 //! is refused with [`GpuError::TooLarge`](super::GpuError::TooLarge), and drawn in parts by whoever asked.
 
 pub mod arrangement;
-pub mod list;
+mod draws;
+pub mod frame;
+mod list;
+mod peel;
 
-pub use list::GpuMeshFrame;
+pub use frame::{Classifier, GpuMeshFrame, Peeling};
 
 use super::layers::LayerRecord;
 use super::shader::Shader;
 use crate::csg::steps::{INSIDE, OUTSIDE};
-use arrangement::{Fragment, Frame, PlacedCorner, Slot, Step, Surface, Survivor, flags};
+use arrangement::{Fragment, Frame, KeptBoundary, PeelPixel, PlacedCorner, Slot, Step, Surface, Survivor, flags};
 
 /// No slot.
 const NO_SLOT: u32 = u32::MAX;
+
+/// The bits of the least and the greatest size that a key can have for peeling, 2⁻⁶³ and 2⁶⁴. A depth buffer holds numbers from 0 to
+/// 1, half as many as there are positive floats: these are as many.
+const FIRST_KEY: u32 = (127 - 63) << 23;
+const LAST_KEY: u32 = (127 + 64) << 23;
+
+/// Nearer than every order: one more than that of the nearest key, whose bits are those of 1.
+const ALL_ORDERS: u32 = LAST_KEY - FIRST_KEY + 1;
 
 /// Pixels with more fragments are sorted by heap: insertion is quadratic.
 const INSERTION_SORTED: u32 = 32;
@@ -38,6 +51,10 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_constant("STEP_OUTSIDE", OUTSIDE)
         .with_constant("INSERTION_SORTED", INSERTION_SORTED)
         .with_constant("SLOT_SHEET", flags::SLOT_SHEET)
+        .with_constant("SLOT_IN_SUPERSET", flags::SLOT_IN_SUPERSET)
+        .with_constant("FIRST_KEY", FIRST_KEY)
+        .with_constant("LAST_KEY", LAST_KEY)
+        .with_constant("ALL_ORDERS", ALL_ORDERS)
         .with_constant("SLOT_ENDLESS", flags::SLOT_ENDLESS)
         .with_constant("SURFACE_HIDDEN", flags::SURFACE_HIDDEN)
         .with_constant("SURFACE_OWN_COLOUR", flags::SURFACE_OWN_COLOUR)
@@ -48,6 +65,8 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_struct::<Surface>()
         .with_struct::<Fragment>()
         .with_struct::<Survivor>()
+        .with_struct::<PeelPixel>()
+        .with_struct::<KeptBoundary>()
         .with_struct::<PlacedCorner>()
         .with_struct::<LayerRecord>()
         .with_text(include_str!("../../../shaders/blister/frame.wgsl"))
@@ -56,4 +75,5 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_text(include_str!("../../../shaders/blister/list.wgsl"))
         .with_text(include_str!("../../../shaders/blister/resolve.wgsl"))
         .with_text(include_str!("../../../shaders/blister/write.wgsl"))
+        .with_text(include_str!("../../../shaders/blister/peel.wgsl"))
 }

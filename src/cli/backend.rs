@@ -1,0 +1,141 @@
+//! Whose processor draws: `--backend`, `--gpu` and `--list-gpus`.
+//!
+//! *Practice.* Whatever goes wrong with a GPU that nobody insisted on is told in one line, and the CPU draws. A software adapter
+//! (lavapipe) is not taken unless it is asked for: it runs on the same processor as the CPU's own code, which is the faster.
+
+use surfcut::layers::{LayerSource, LayerStack};
+use surfcut::space::Camera;
+
+use super::Session;
+use super::args::{Backend, BackendArgs};
+use super::engine::Engine;
+
+/// A GPU that draws as far as it can.
+pub struct Device<'s> {
+    #[cfg(feature = "gpu")]
+    pub gpu: surfcut::gpu::Gpu,
+    /// Whether the CPU may not stand in.
+    is_required: bool,
+    session: &'s Session,
+    has_fallen_back: std::cell::Cell<bool>,
+}
+
+/// Why the GPU does not draw.
+#[derive(Debug, thiserror::Error)]
+pub enum BackendError {
+    /// It is not built in.
+    #[cfg(not(feature = "gpu"))]
+    #[error("this surfcut was built without the feature `gpu`: draw with --backend cpu, or build it with the feature")]
+    NotBuilt,
+    /// Something is not there for the GPU.
+    #[cfg(feature = "gpu")]
+    #[error("the GPU does not draw {0}: leave --backend gpu out, and the CPU draws it")]
+    NotThere(String),
+    /// The device failed.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] surfcut::gpu::GpuError),
+}
+
+impl<'s> Device<'s> {
+    /// The device that the flags ask for; `None` where the CPU draws.
+    pub fn open(args: &BackendArgs, session: &'s Session) -> Result<Option<Self>, BackendError> {
+        let is_required = args.backend == Backend::Gpu || args.gpu.is_some();
+        if args.backend == Backend::Cpu {
+            return Ok(None);
+        }
+        match Self::opened(args, is_required, session) {
+            Ok(device) => Ok(device),
+            Err(error) if is_required => Err(error),
+            // No adapter is what most servers have: nothing to tell.
+            Err(_) => Ok(None),
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    fn opened(args: &BackendArgs, is_required: bool, session: &'s Session) -> Result<Option<Self>, BackendError> {
+        use surfcut::gpu::{Gpu, device};
+        if !is_required && device::list().first().is_none_or(device::AdapterText::is_software) {
+            return Ok(None);
+        }
+        let gpu = Gpu::open(args.gpu.as_deref())?;
+        Ok(Some(Self { gpu, is_required, session, has_fallen_back: std::cell::Cell::new(false) }))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn opened(_: &BackendArgs, _: bool, _: &'s Session) -> Result<Option<Self>, BackendError> {
+        Err(BackendError::NotBuilt)
+    }
+
+    /// The name of the adapter.
+    pub fn name(&self) -> String {
+        #[cfg(feature = "gpu")]
+        return self.gpu.adapter().name.clone();
+        #[cfg(not(feature = "gpu"))]
+        unreachable!("no device is opened without the feature")
+    }
+
+    /// The layers of one frame, or `None` where the CPU is to draw it.
+    pub fn layers(&self, engine: &dyn Engine, camera: &Camera) -> anyhow::Result<Option<LayerStack>> {
+        match self.drawn(engine, camera) {
+            Ok(stack) => Ok(Some(stack)),
+            Err(error) if self.is_required => Err(error.into()),
+            Err(error) => {
+                if !self.has_fallen_back.replace(true) {
+                    self.session.tell(&format!("the CPU draws: {error}"));
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    fn drawn(&self, engine: &dyn Engine, camera: &Camera) -> Result<LayerStack, BackendError> {
+        let mut refused = None;
+        let stack = self.gpu.checked(|| match engine.gpu_frame(&self.gpu, camera) {
+            Ok(frame) => surfcut::gpu::layers::collect(&self.gpu, &*frame).map(Some),
+            Err(BackendError::Gpu(error)) => Err(error),
+            Err(error) => {
+                refused = Some(error);
+                Ok(None)
+            }
+        })?;
+        stack.ok_or_else(|| refused.expect("a frame that is not there was refused"))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn drawn(&self, _: &dyn Engine, _: &Camera) -> Result<LayerStack, BackendError> {
+        Err(BackendError::NotBuilt)
+    }
+}
+
+/// Prints what adapters there are.
+pub fn list(session: &Session) -> std::io::Result<()> {
+    #[cfg(feature = "gpu")]
+    {
+        let adapters = surfcut::gpu::device::list();
+        if adapters.is_empty() {
+            return session.print("no GPU was found: pictures are drawn by the CPU\n");
+        }
+        let line = |adapter: &surfcut::gpu::device::AdapterText| {
+            format!("{} ({}, {}, {})\n", adapter.name, adapter.kind, adapter.interface, adapter.driver)
+        };
+        session.print(&adapters.iter().map(line).collect::<String>())
+    }
+    #[cfg(not(feature = "gpu"))]
+    session.print("this surfcut was built without the feature `gpu`: pictures are drawn by the CPU\n")
+}
+
+/// The source of one frame: the GPU's layers where a device draws, else the CPU's pipeline.
+pub fn source<'e>(
+    device: Option<&Device>,
+    engine: &'e dyn Engine,
+    camera: &Camera,
+) -> anyhow::Result<Box<dyn LayerSource + 'e>> {
+    if let Some(device) = device
+        && let Some(stack) = device.layers(engine, camera)?
+    {
+        return Ok(Box::new(stack));
+    }
+    engine.frame(camera)
+}

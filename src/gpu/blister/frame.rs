@@ -1,0 +1,171 @@
+//! One frame of the mesh pipeline on the GPU: a [`GpuLayerSource`].
+
+use std::cell::Cell;
+
+use super::arrangement::Uploaded;
+use super::{list, peel};
+use crate::blister::frame::MeshFrame;
+use crate::gpu::layers::{GpuLayerSource, GpuLayers};
+use crate::gpu::{Gpu, GpuError};
+use crate::layers::{LayerTile, SampleMerger};
+use crate::space::{Camera, PixelRect};
+
+/// How what is drawn is classified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Classifier {
+    /// One pass into lists of fragments, resolved in compute.
+    #[default]
+    List,
+    /// Peeling; every leaf's membership is carried from layer to layer.
+    Running,
+    /// Peeling; at every layer every leaf's parity is tested anew, as in the paper.
+    Parity,
+}
+
+impl Classifier {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::List, Self::Running, Self::Parity];
+
+    /// As charts name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::List => "list",
+            Self::Running => "running",
+            Self::Parity => "parity",
+        }
+    }
+}
+
+/// What peeling took, over all bands drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Peeling {
+    /// Passes over the geometry, that for the superset's bounds not counted.
+    pub passes: u64,
+    /// Pixels that a pass left alone since they were settled, summed over passes.
+    pub rejected: u64,
+}
+
+/// A frame of the mesh pipeline, drawn by the GPU.
+#[derive(Debug)]
+pub struct GpuMeshFrame<'a> {
+    pub(super) frame: MeshFrame<'a>,
+    /// By sample; `None` where nothing is to be drawn.
+    uploaded: Vec<Option<Uploaded>>,
+    classifier: Classifier,
+    /// Whether peeling keeps within the superset.
+    pub(super) is_bounded: bool,
+    /// How much the last band's list had to hold.
+    pub(super) length: Cell<usize>,
+    pub(super) peeling: Cell<Peeling>,
+}
+
+impl<'a> GpuMeshFrame<'a> {
+    /// Uploads `frame`.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] for geometry that fits no buffer.
+    pub fn new(gpu: &Gpu, frame: MeshFrame<'a>) -> Result<Self, GpuError> {
+        let samples = 0..frame.sample_count() as usize;
+        let uploaded = samples.map(|sample| Uploaded::new(gpu, &frame, sample)).collect::<Result<_, _>>()?;
+        let (classifier, length, peeling) = Default::default();
+        Ok(Self { frame, uploaded, classifier, is_bounded: true, length, peeling })
+    }
+
+    /// Classified another way.
+    #[must_use]
+    pub fn with_classifier(self, classifier: Classifier) -> Self {
+        Self { classifier, ..self }
+    }
+
+    /// Whether peeling keeps within a superset of the result: it does unless this says otherwise.
+    #[must_use]
+    pub fn bounded(self, is_bounded: bool) -> Self {
+        Self { is_bounded, ..self }
+    }
+
+    /// As drawn with lists that have room for `length` fragments, or boundaries, at first.
+    #[must_use]
+    pub fn with_first_length(self, length: usize) -> Self {
+        self.length.set(length);
+        self
+    }
+
+    /// What peeling took so far.
+    pub fn peeling(&self) -> Peeling {
+        self.peeling.get()
+    }
+
+    fn draw_sample(&self, gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect) -> Result<GpuLayers, GpuError> {
+        match self.classifier {
+            Classifier::List => list::draw(gpu, self, uploaded, rect),
+            Classifier::Running | Classifier::Parity => {
+                peel::draw(gpu, self, uploaded, rect, self.classifier == Classifier::Parity)
+            }
+        }
+    }
+}
+
+impl GpuLayerSource for GpuMeshFrame<'_> {
+    fn camera(&self) -> &Camera {
+        self.frame.camera_of()
+    }
+
+    fn samples(&self) -> u32 {
+        self.frame.sample_count()
+    }
+
+    fn draw(&self, gpu: &Gpu, rect: PixelRect) -> Result<GpuLayers, GpuError> {
+        let empty = || GpuLayers::upload(gpu, &LayerTile::empty(rect));
+        if let [only] = &self.uploaded[..] {
+            return only.as_ref().map_or_else(empty, |uploaded| self.draw_sample(gpu, uploaded, rect));
+        }
+        let mut passes = Vec::new();
+        for uploaded in self.uploaded.iter().flatten() {
+            passes.push(self.draw_sample(gpu, uploaded, rect)?.download(gpu)?);
+        }
+        GpuLayers::upload(gpu, &merged(rect, &passes))
+    }
+}
+
+/// What the samples of `rect` see, as records with sample masks.
+fn merged(rect: PixelRect, passes: &[LayerTile]) -> LayerTile {
+    let mut merged = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+    merged.offsets.push(0);
+    for y in rect.y0..rect.y1 {
+        for x in rect.x0..rect.x1 {
+            let mut merger = SampleMerger::default();
+            passes.iter().for_each(|pass| merger.add(pass.at(x, y).iter().copied()));
+            merged.boundaries.extend(merger.finish());
+            merged.offsets.push(merged.boundaries.len() as u32);
+        }
+    }
+    merged
+}
+
+/// Draws with room for ever more, until there is enough: `attempt` gets the room, and returns what it would have needed, and the
+/// layers where that was no more. `size` is the bytes of each.
+///
+/// # Errors
+/// Those of `attempt`; [`GpuError::TooLarge`] where one buffer cannot have enough room.
+pub(super) fn with_room(
+    gpu: &Gpu,
+    length: &Cell<usize>,
+    (what, size): (&str, usize),
+    first: usize,
+    mut attempt: impl FnMut(usize) -> Result<(usize, Option<GpuLayers>), GpuError>,
+) -> Result<GpuLayers, GpuError> {
+    let most = (gpu.largest_binding() as usize / size).max(1);
+    let mut room = if length.get() == 0 { first } else { length.get() }.clamp(1, most);
+    loop {
+        let (needed, layers) = attempt(room)?;
+        if let Some(layers) = layers {
+            return Ok(layers);
+        }
+        if needed > most {
+            let needed = needed as u64 * size as u64;
+            return Err(GpuError::TooLarge { what: what.to_owned(), needed, limit: gpu.largest_binding() });
+        }
+        room = needed;
+        length.set(needed);
+    }
+}
