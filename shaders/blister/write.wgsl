@@ -48,6 +48,26 @@ fn colour_of(surface: u32, at: vec2<u32>) -> vec3<f32> {
     return slots[surfaces[surface].slot].colour;
 }
 
+fn write_record(place: u32, at: vec2<u32>, survivor: Survivor) {
+    let whole = vec2<f32>(at + frame.origin);
+    let dir = frame.first_dir + frame.dir_across * whole.x + frame.dir_down * whole.y;
+    let slot = surfaces[survivor.surface].slot;
+    let is_front = survivor.is_front != 0u;
+    let normal = surfaces[survivor.surface].normal;
+    // Outward from the result: against the ray where it is entered, along it where it is left.
+    let is_along = dot(normal, dir) > 0.0;
+    var record: LayerRecord;
+    record.normal = select(normal, -normal, is_along == is_front);
+    record.depth = select(-survivor.key, 1.0 / survivor.key, frame.is_perspective != 0u);
+    record.colour = colour_of(survivor.surface, at);
+    record.opacity = slots[slot].opacity;
+    record.leaf = slots[slot].leaf;
+    record.body = slots[survivor.slot].leaf;
+    record.facing = select(-1, 1, is_front);
+    record.samples = frame.samples;
+    records[place] = record;
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn write(thread: Thread) {
     let pixel = thread_number(thread);
@@ -57,24 +77,7 @@ fn write(thread: Thread) {
     let first = record_offsets[pixel];
     let count = record_offsets[pixel + 1u] - first;
     let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
-    let whole = vec2<f32>(at + frame.origin);
-    let dir = frame.first_dir + frame.dir_across * whole.x + frame.dir_down * whole.y;
     for (var i = 0u; i < count; i++) {
-        let survivor = sorted[offsets[pixel] + i];
-        let slot = surfaces[survivor.surface].slot;
-        let is_front = survivor.is_front != 0u;
-        let normal = surfaces[survivor.surface].normal;
-        // Outward from the result: against the ray where it is entered, along it where it is left.
-        let is_along = dot(normal, dir) > 0.0;
-        var record: LayerRecord;
-        record.normal = select(normal, -normal, is_along == is_front);
-        record.depth = select(-survivor.key, 1.0 / survivor.key, frame.is_perspective != 0u);
-        record.colour = colour_of(survivor.surface, at);
-        record.opacity = slots[slot].opacity;
-        record.leaf = slots[slot].leaf;
-        record.body = slots[survivor.slot].leaf;
-        record.facing = select(-1, 1, is_front);
-        record.samples = frame.samples;
-        records[first + i] = record;
+        write_record(first + i, at, sorted[offsets[pixel] + i]);
     }
 }

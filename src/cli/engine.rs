@@ -10,7 +10,10 @@ use surfcut::classify::Model;
 use surfcut::classify::partners::{Among, PartnerLists};
 use surfcut::csg::{LeafId, TooManyProducts, Tree};
 #[cfg(feature = "gpu")]
-use surfcut::gpu::{Gpu, GpuLayerSource, blister::GpuMeshFrame};
+use surfcut::gpu::{
+    Gpu, GpuLayerSource,
+    blister::{Classifier, GpuMeshFrame},
+};
 use surfcut::hybrid::HybridModel;
 use surfcut::layers::merged::MergedLayers;
 use surfcut::layers::{LayerLimit, LayerSource};
@@ -417,7 +420,7 @@ impl Engine for MeshEngine {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
         let frame = MeshFrame::new(&self.model, camera.clone(), limit, samples);
-        Ok(Box::new(GpuMeshFrame::new(gpu, frame)?))
+        Ok(Box::new(GpuMeshFrame::new(gpu, frame, Classifier::default())?))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

@@ -87,7 +87,7 @@ fn check(gpu: &Gpu, name: &str, loaded: &LoadedScene, samples: u32) {
         let frame = || MeshFrame::new(&model, camera.clone(), limit, samples);
         let cpu = LayerStack::collect(&frame());
         for classifier in Classifier::ALL {
-            let of_gpu = GpuMeshFrame::new(gpu, frame()).unwrap().with_classifier(classifier);
+            let of_gpu = GpuMeshFrame::new(gpu, frame(), classifier).unwrap();
             let (wrong, all) = differing(&cpu, &drawn(gpu, &of_gpu));
             let what = format!("{name}, {limit:?}, {}", classifier.name());
             assert!(all > 1000, "{what}: only {all} pixels show anything");
@@ -116,7 +116,9 @@ fn a_list_that_is_too_short_grows(gpu: &'static Gpu) {
     let (model, camera) = model(&as_meshes(loaded("widget", (100, 100))));
     let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
     let cpu = LayerStack::collect(&frame());
-    let short = GpuMeshFrame::new(gpu, frame()).unwrap().with_first_length(1);
-    let (wrong, all) = differing(&cpu, &drawn(gpu, &short));
-    assert!(wrong * 1000 <= all, "{wrong} of {all}");
+    for classifier in Classifier::ALL {
+        let short = GpuMeshFrame::new(gpu, frame(), classifier).unwrap().with_first_length(1);
+        let (wrong, all) = differing(&cpu, &drawn(gpu, &short));
+        assert!(wrong * 1000 <= all, "{}: {wrong} of {all}", classifier.name());
+    }
 }

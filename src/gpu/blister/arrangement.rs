@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::Vec2;
 
+use super::pieces::Pieces;
 use crate::blister::frame::MeshFrame;
 use crate::blister::frame::arrangement::{Arranged, Arrangement, DrawnSlot, DrawnSurface, SurfaceColour};
 use crate::gpu::{Gpu, GpuError};
@@ -16,6 +17,8 @@ pub(super) mod flags {
     pub const SLOT_SHEET: u32 = 1;
     /// A half-space.
     pub const SLOT_ENDLESS: u32 = 2;
+    /// As `SURFACE_HIDDEN`, beside a slot's number.
+    pub const PIECE_HIDDEN: u32 = 1 << 31;
     /// One of the leaves that hold all of the result.
     pub const SLOT_IN_SUPERSET: u32 = 4;
     /// Boundaries on it do not show.
@@ -51,8 +54,16 @@ gpu_struct! {
         slots: u32,
         /// 1 where a superset bounds the layers.
         is_bounded: u32,
-        /// Nothing.
-        spare: u32,
+        /// 1 where a pixel has one boundary at most.
+        is_single: u32,
+        /// Pixels of the picture across.
+        across: u32,
+        /// Tiles of the picture across.
+        tiles_across: u32,
+        /// Where in `places` single fragments are.
+        single_offsets: u32,
+        /// Where in `places` their pieces are; 0 where there are none.
+        singles: u32,
     }
 }
 
@@ -210,6 +221,8 @@ pub(super) struct Uploaded {
     pub steps: wgpu::Buffer,
     /// The triangles of a superset: ranges of them. `None` where only everything holds the result.
     pub superset: Option<Vec<Range<u32>>>,
+    /// For the kernel of tiles: where pieces are, and the pieces. `None` for the other classifiers.
+    pub tiles: Option<[wgpu::Buffer; 2]>,
     /// What every band of it has in common.
     pub frame: Frame,
     /// Words of a state.
@@ -308,12 +321,15 @@ impl Uploaded {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for geometry that fits no buffer.
-    pub fn new(gpu: &Gpu, frame: &MeshFrame, sample: usize) -> Result<Option<Self>, GpuError> {
+    pub fn new(gpu: &Gpu, frame: &MeshFrame, sample: usize, has_tiles: bool) -> Result<Option<Self>, GpuError> {
         let Arranged { expression, slots, is_nearest } = frame.arranged(sample);
         let Some(expression) = expression else { return Ok(None) };
         let mut gathered = Gathered { extents: vec![Extent::default(); slots.len()], ..Gathered::default() };
         frame.arrange(&expression, sample, &mut gathered);
         let Gathered { mut corners, fragments, surfaces, extents } = gathered;
+        let camera = frame.camera_of();
+        let size = [camera.width, camera.height];
+        let pieces = has_tiles.then(|| Pieces::new(size, &corners, &fragments, &surfaces));
         let triangles = corners.len() as u32 / 3;
         corners.extend_from_slice(&fragments);
         let steps: Vec<Step> = expression.steps().iter().map(step).collect();
@@ -324,7 +340,19 @@ impl Uploaded {
             looks[slot as usize].flags |= flags::SLOT_IN_SUPERSET;
         }
         let superset = bounds.map(|slots| slots.iter().map(|slot| extents[*slot as usize].triangles.clone()).collect());
-        let camera = frame.camera_of();
+        let mut places: Vec<u32> = Vec::new();
+        let [mut single_offsets, mut singles] = [0; 2];
+        if let Some(pieces) = &pieces {
+            places.extend(pieces.tiles.as_flattened());
+            single_offsets = places.len() as u32;
+            places.extend(&pieces.single_offsets);
+            // Zero stands for none: tiles come before.
+            singles = if pieces.singles.is_empty() { 0 } else { places.len() as u32 };
+            places.extend(&pieces.singles);
+        }
+        let upload = |pieces: &Pieces| -> Result<_, GpuError> {
+            Ok([gpu.upload("places", &places)?, gpu.upload("pieces", &pieces.pieces)?])
+        };
         let samples = if frame.sample_count() == 1 { 1 } else { 1 << sample };
         Ok(Some(Self {
             corners: gpu.upload("corners", &corners)?,
@@ -334,11 +362,17 @@ impl Uploaded {
             slots: gpu.upload("slots", &looks)?,
             steps: gpu.upload("steps", &steps)?,
             superset,
+            tiles: pieces.as_ref().map(upload).transpose()?,
             frame: Frame {
                 samples,
                 is_nearest: u32::from(is_nearest),
                 endless: endless as u32,
                 slots: looks.len() as u32,
+                is_single: u32::from(is_nearest && slots.iter().all(|slot| slot.opacity >= 1.0)),
+                across: camera.width,
+                tiles_across: pieces.as_ref().map_or(0, |pieces| pieces.tiles_across),
+                single_offsets,
+                singles,
                 ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
             },
             words: expression.words() as u32,

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use super::arrangement::Uploaded;
-use super::{list, peel};
+use super::{list, peel, tiles};
 use crate::blister::frame::MeshFrame;
 use crate::gpu::layers::{GpuLayerSource, GpuLayers};
 use crate::gpu::{Gpu, GpuError};
@@ -13,8 +13,10 @@ use crate::space::{Camera, PixelRect};
 /// How what is drawn is classified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Classifier {
-    /// One pass into lists of fragments, resolved in compute.
+    /// In compute, tile by tile of triangles, without fragments.
     #[default]
+    Tiles,
+    /// One pass into lists of fragments, resolved in compute.
     List,
     /// Peeling; every leaf's membership is carried from layer to layer.
     Running,
@@ -24,11 +26,12 @@ pub enum Classifier {
 
 impl Classifier {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::List, Self::Running, Self::Parity];
+    pub const ALL: [Self; 4] = [Self::Tiles, Self::List, Self::Running, Self::Parity];
 
     /// As charts name it.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Tiles => "tiles",
             Self::List => "list",
             Self::Running => "running",
             Self::Parity => "parity",
@@ -60,21 +63,16 @@ pub struct GpuMeshFrame<'a> {
 }
 
 impl<'a> GpuMeshFrame<'a> {
-    /// Uploads `frame`.
+    /// Uploads `frame`, to be classified as `classifier` says.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for geometry that fits no buffer.
-    pub fn new(gpu: &Gpu, frame: MeshFrame<'a>) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, frame: MeshFrame<'a>, classifier: Classifier) -> Result<Self, GpuError> {
+        let has_tiles = classifier == Classifier::Tiles;
         let samples = 0..frame.sample_count() as usize;
-        let uploaded = samples.map(|sample| Uploaded::new(gpu, &frame, sample)).collect::<Result<_, _>>()?;
-        let (classifier, length, peeling) = Default::default();
+        let uploaded = samples.map(|sample| Uploaded::new(gpu, &frame, sample, has_tiles)).collect::<Result<_, _>>()?;
+        let (length, peeling) = Default::default();
         Ok(Self { frame, uploaded, classifier, is_bounded: true, length, peeling })
-    }
-
-    /// Classified another way.
-    #[must_use]
-    pub fn with_classifier(self, classifier: Classifier) -> Self {
-        Self { classifier, ..self }
     }
 
     /// Whether peeling keeps within a superset of the result: it does unless this says otherwise.
@@ -97,6 +95,7 @@ impl<'a> GpuMeshFrame<'a> {
 
     fn draw_sample(&self, gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect) -> Result<GpuLayers, GpuError> {
         match self.classifier {
+            Classifier::Tiles => tiles::draw(gpu, self, uploaded, rect),
             Classifier::List => list::draw(gpu, self, uploaded, rect),
             Classifier::Running | Classifier::Parity => {
                 peel::draw(gpu, self, uploaded, rect, self.classifier == Classifier::Parity)

@@ -109,21 +109,36 @@ pub(super) fn write(
     offsets: &wgpu::Buffer,
     kept: wgpu::Buffer,
 ) -> Result<GpuLayers, GpuError> {
+    write_with(gpu, uploaded, frame, rect, kept, "write", &[(6, offsets), (8, sorted)])
+}
+
+/// Makes records with the kernel `entry`, which reads boundaries from `of`; `kept` are sums of how many each pixel has.
+pub(super) fn write_with(
+    gpu: &Gpu,
+    uploaded: &Uploaded,
+    frame: &wgpu::Buffer,
+    rect: PixelRect,
+    kept: wgpu::Buffer,
+    entry: &'static str,
+    of: &[(u32, &wgpu::Buffer)],
+) -> Result<GpuLayers, GpuError> {
     let pixels = rect.area();
     let count = gpu.download_from::<u32>(&kept, std::mem::size_of::<u32>() as u64 * pixels as u64, 1)?[0] as usize;
     let records = gpu.storage::<LayerRecord>("records", count)?;
     let mut commands = gpu.commands();
-    let write = gpu.kernel(&shader(uploaded.words), "write");
+    let write = gpu.kernel(&shader(uploaded.words), entry);
     let buffers = [
-        (0, frame),
-        (2, &uploaded.slots),
-        (3, &uploaded.surfaces),
-        (6, offsets),
-        (8, sorted),
-        (10, &kept),
-        (11, &records),
-        (12, &uploaded.corners),
-    ];
+        &[
+            (0, frame),
+            (2, &uploaded.slots),
+            (3, &uploaded.surfaces),
+            (10, &kept),
+            (11, &records),
+            (12, &uploaded.corners),
+        ],
+        of,
+    ]
+    .concat();
     commands.dispatch(&write, &gpu.bind(&write, &buffers), pixels);
     commands.submit();
     Ok(GpuLayers { rect, offsets: kept, records, count })
