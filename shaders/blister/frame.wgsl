@@ -9,11 +9,9 @@ fn pixel_count() -> u32 {
     return frame.size.x * frame.size.y;
 }
 
-// The key of a surface at a pixel of the band: the same bits for all surfaces of one plane.
-fn key_at(surface: u32, pixel: vec2<u32>) -> f32 {
-    let key = surfaces[surface].key;
-    let offset = vec2<f32>(pixel + frame.origin) - surfaces[surface].anchor;
-    let range = surfaces[surface].range;
+// The key that a surface has at a pixel of the band: the same bits for all surfaces of one plane.
+fn key_at(key: vec3<f32>, anchor: vec2<f32>, range: vec2<f32>, pixel: vec2<u32>) -> f32 {
+    let offset = vec2<f32>(pixel + frame.origin) - anchor;
     return clamp(key.x * offset.x + key.y * offset.y + key.z, range.x, range.y);
 }
 

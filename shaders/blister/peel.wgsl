@@ -46,8 +46,8 @@ fn key_of(order: u32) -> f32 {
 fn bound_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
     let at = vec2<u32>(drawn.position.xy);
     let pixel = at.y * frame.size.x + at.x;
-    let order = order_of(key_at(drawn.surface, at));
-    if (slots[surfaces[drawn.surface].slot].flags & SLOT_IN_SUPERSET) == 0u {
+    let order = order_of(key_of_drawn(drawn, at));
+    if (slots[drawn.slot].flags & SLOT_IN_SUPERSET) == 0u {
         return vec4<f32>(0.0);
     }
     atomicMax(&states[2u * pixel], order);
@@ -77,9 +77,9 @@ struct Peeled {
 }
 
 // Notes the surface of the boundary that the last layer had.
-fn note_surface(pixel: u32, order: u32, surface: u32) {
-    if order == pixels[pixel].kept_order && surfaces[surface].slot == pixels[pixel].kept_owner {
-        atomicMin(&kept_surfaces[pixels[pixel].kept_place], surface);
+fn note_surface(pixel: u32, order: u32, drawn: Drawn) {
+    if order == pixels[pixel].kept_order && drawn.slot == pixels[pixel].kept_owner {
+        atomicMin(&kept_surfaces[pixels[pixel].kept_place], drawn.surface);
     }
 }
 
@@ -109,13 +109,13 @@ fn note_parity(pixel: u32, slot: u32, order: u32) {
 fn running_fragment(drawn: Drawn) -> Peeled {
     let at = vec2<u32>(drawn.position.xy);
     let pixel = at.y * frame.size.x + at.x;
-    let order = order_of(key_at(drawn.surface, at));
-    note_surface(pixel, order, drawn.surface);
+    let order = order_of(key_of_drawn(drawn, at));
+    note_surface(pixel, order, drawn);
     if pixels[pixel].is_done != 0u || order > pixels[pixel].front {
         discard;
     }
     if order == pixels[pixel].front {
-        note_toggle(pixel, surfaces[drawn.surface].slot, drawn.surface);
+        note_toggle(pixel, drawn.slot, drawn.surface);
         discard;
     }
     return Peeled(bitcast<f32>(order), vec4<f32>(0.0));
@@ -126,14 +126,13 @@ fn running_fragment(drawn: Drawn) -> Peeled {
 fn first_fragment(drawn: Drawn) -> Peeled {
     let at = vec2<u32>(drawn.position.xy);
     let pixel = at.y * frame.size.x + at.x;
-    let order = order_of(key_at(drawn.surface, at));
+    let order = order_of(key_of_drawn(drawn, at));
     if pixels[pixel].is_done != 0u {
         discard;
     }
-    let slot = surfaces[drawn.surface].slot;
-    note_parity(pixel, slot, order);
+    note_parity(pixel, drawn.slot, order);
     if order == pixels[pixel].front {
-        note_toggle(pixel, slot, drawn.surface);
+        note_toggle(pixel, drawn.slot, drawn.surface);
     }
     if order >= pixels[pixel].front {
         discard;
@@ -146,8 +145,8 @@ fn first_fragment(drawn: Drawn) -> Peeled {
 fn peel_fragment(drawn: Drawn) -> Peeled {
     let at = vec2<u32>(drawn.position.xy);
     let pixel = at.y * frame.size.x + at.x;
-    let order = order_of(key_at(drawn.surface, at));
-    note_surface(pixel, order, drawn.surface);
+    let order = order_of(key_of_drawn(drawn, at));
+    note_surface(pixel, order, drawn);
     if pixels[pixel].is_done != 0u || order >= pixels[pixel].front {
         discard;
     }
@@ -162,11 +161,10 @@ fn parity_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
     if pixels[pixel].is_done != 0u {
         return vec4<f32>(0.0);
     }
-    let order = order_of(key_at(drawn.surface, at));
-    let slot = surfaces[drawn.surface].slot;
-    note_parity(pixel, slot, order);
+    let order = order_of(key_of_drawn(drawn, at));
+    note_parity(pixel, drawn.slot, order);
     if order == pixels[pixel].front {
-        note_toggle(pixel, slot, drawn.surface);
+        note_toggle(pixel, drawn.slot, drawn.surface);
     }
     return vec4<f32>(0.0);
 }

@@ -3,78 +3,81 @@
 // How many boundaries each pixel has.
 @group(0) @binding(9) var<storage, read_write> kept: array<u32>;
 
-fn is_nearer(a: Survivor, b: Survivor) -> bool {
-    // Of equal keys the first surface.
-    return a.key > b.key || (a.key == b.key && a.surface < b.surface);
+// By pixel: its first fragment, plus one; and then its first boundary.
+@group(0) @binding(13) var<storage, read_write> firsts: array<u32>;
+
+// Whether fragment `a` comes before `b`, both plus one: of equal keys the first surface.
+fn is_before(a: u32, b: u32) -> bool {
+    let key_a = nodes[a - 1u].key;
+    let key_b = nodes[b - 1u].key;
+    return key_a > key_b || (key_a == key_b && nodes[a - 1u].surface < nodes[b - 1u].surface);
 }
 
-// Sinks the fragment at `root` of the heap that is `first` to `end`: the furthest is on top.
-fn sink(first: u32, root: u32, end: u32) {
-    var at = root;
-    let own = sorted[first + root];
+// Puts a list in order, nearest first, by merging runs that double: no place is needed but the links.
+fn sort(head: u32) -> u32 {
+    var list = head;
+    var run = 1u;
     loop {
-        var child = 2u * at + 1u;
-        if first + child >= end {
-            break;
-        }
-        if first + child + 1u < end && is_nearer(sorted[first + child], sorted[first + child + 1u]) {
-            child++;
-        }
-        if !is_nearer(own, sorted[first + child]) {
-            break;
-        }
-        sorted[first + at] = sorted[first + child];
-        at = child;
-    }
-    sorted[first + at] = own;
-}
-
-// Puts a pixel's fragments in order, nearest first.
-fn sort(first: u32, end: u32) {
-    let count = end - first;
-    if count <= INSERTION_SORTED {
-        for (var i = first + 1u; i < end; i++) {
-            let own = sorted[i];
-            var at = i;
-            while at > first && is_nearer(own, sorted[at - 1u]) {
-                sorted[at] = sorted[at - 1u];
-                at--;
+        var left = list;
+        var tail = 0u;
+        var merges = 0u;
+        list = 0u;
+        while left != 0u {
+            merges++;
+            // Two runs: from `left`, and from what comes after it.
+            var right = left;
+            var left_count = 0u;
+            while left_count < run && right != 0u {
+                left_count++;
+                right = nodes[right - 1u].next;
             }
-            sorted[at] = own;
+            var right_count = run;
+            while left_count > 0u || (right_count > 0u && right != 0u) {
+                var taken = left;
+                if left_count == 0u || (right_count > 0u && right != 0u && is_before(right, left)) {
+                    taken = right;
+                    right = nodes[right - 1u].next;
+                    right_count--;
+                } else {
+                    left = nodes[left - 1u].next;
+                    left_count--;
+                }
+                if tail == 0u {
+                    list = taken;
+                } else {
+                    nodes[tail - 1u].next = taken;
+                }
+                tail = taken;
+            }
+            left = right;
         }
-        return;
+        nodes[tail - 1u].next = 0u;
+        if merges <= 1u {
+            return list;
+        }
+        run *= 2u;
     }
-    for (var root = count / 2u; root > 0u; root--) {
-        sink(first, root - 1u, end);
-    }
-    for (var last = end - 1u; last > first; last--) {
-        let furthest = sorted[first];
-        sorted[first] = sorted[last];
-        sorted[last] = furthest;
-        sink(first, 0u, last);
-    }
+    return list;
 }
 
-// The boundaries of a pixel take the places of its first fragments: each is of one at least.
+// Boundaries take the places of fragments: each is of one at least.
 @compute @workgroup_size(WORKGROUP)
 fn resolve(thread: Thread) {
     let pixel = thread_number(thread);
     if pixel >= pixel_count() {
         return;
     }
-    let first = offsets[pixel];
-    let end = offsets[pixel + 1u];
-    if first == end {
+    if firsts[pixel] == 0u {
         kept[pixel] = 0u;
         return;
     }
-    sort(first, end);
+    let head = sort(firsts[pixel]);
     // Beyond the last crossing every closed leaf is out, so their parity is where the ray begins.
     for (var word = 0u; word < WORDS; word++) {
         after[word] = 0u;
     }
-    for (var i = first; i < end; i++) {
-        let slot = sorted[i].slot;
+    for (var node = head; node != 0u; node = nodes[node - 1u].next) {
+        let slot = nodes[node - 1u].slot;
         if (slots[slot].flags & (SLOT_SHEET | SLOT_ENDLESS)) == 0u {
             after[word_of(slot)] ^= bit_of(slot);
         }
@@ -87,32 +90,36 @@ fn resolve(thread: Thread) {
     }
     var was = eval_after();
     var found = 0u;
-    var i = first;
-    while i < end {
+    // The fragment whose place the last boundary took, plus one.
+    var last_kept = 0u;
+    var node = head;
+    while node != 0u {
         // A peel: all fragments of the same key.
-        let key = sorted[i].key;
-        let peel = i;
+        let key = nodes[node - 1u].key;
+        let peel = node;
+        var members = 0u;
         var has_sheet = false;
         for (var word = 0u; word < WORDS; word++) {
             before[word] = after[word];
         }
-        while i < end && sorted[i].key == key {
-            let slot = sorted[i].slot;
+        while node != 0u && nodes[node - 1u].key == key {
+            let slot = nodes[node - 1u].slot;
             if is_sheet(slot) {
                 has_sheet = true;
             } else {
                 after[word_of(slot)] ^= bit_of(slot);
             }
-            i++;
+            members++;
+            node = nodes[node - 1u].next;
         }
         let is = eval_after();
         var owner = NO_SLOT;
         var behind = NO_SLOT;
         var is_front = is;
         if is != was {
-            owner = sorted[peel].slot;
-            if i - peel > 1u {
-                owner = owner_of_peel(peel, i, is);
+            owner = nodes[peel - 1u].slot;
+            if members > 1u {
+                owner = owner_of_peel(peel, node, is);
             }
             behind = owner;
             if is_in_after(owner) != is {
@@ -121,7 +128,7 @@ fn resolve(thread: Thread) {
                 behind = select(behind, owner, behind == NO_SLOT);
             }
         } else if has_sheet {
-            owner = sheet_of_peel(peel, i, was, is);
+            owner = sheet_of_peel(peel, node, was, is);
             behind = owner;
             is_front = true;
         }
@@ -130,17 +137,22 @@ fn resolve(thread: Thread) {
             continue;
         }
         // The owner's first surface: sorted that way.
-        var surface = sorted[peel].surface;
-        for (var member = peel; member < i; member++) {
-            if sorted[member].slot == owner {
-                surface = sorted[member].surface;
-                break;
-            }
+        var shown = peel;
+        while nodes[shown - 1u].slot != owner {
+            shown = nodes[shown - 1u].next;
         }
+        let surface = nodes[shown - 1u].surface;
         if (surfaces[surface].flags & SURFACE_HIDDEN) != 0u {
             continue;
         }
-        sorted[first + found] = Survivor(key, surface, behind, u32(is_front));
+        // Its place is the peel's first, whose members are not looked at again.
+        nodes[peel - 1u] = Fragment(key, surface, behind | select(0u, BOUNDARY_FRONT, is_front), 0u);
+        if last_kept == 0u {
+            firsts[pixel] = peel;
+        } else {
+            nodes[last_kept - 1u].next = peel;
+        }
+        last_kept = peel;
         found++;
         if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
             break;
@@ -153,8 +165,8 @@ fn resolve(thread: Thread) {
 fn owner_of_peel(first: u32, end: u32, is: bool) -> u32 {
     var best = 4u;
     var owner = NO_SLOT;
-    for (var member = first; member < end; member++) {
-        let slot = sorted[member].slot;
+    for (var member = first; member != end; member = nodes[member - 1u].next) {
+        let slot = nodes[member - 1u].slot;
         if is_in_before(slot) == is_in_after(slot) {
             continue;
         }
@@ -170,8 +182,8 @@ fn owner_of_peel(first: u32, end: u32, is: bool) -> u32 {
 // The first of the peel's sheets that shows: the result would have it there if it were a solid, and does not otherwise.
 fn sheet_of_peel(first: u32, end: u32, was: bool, is: bool) -> u32 {
     var shown = NO_SLOT;
-    for (var member = first; member < end; member++) {
-        let slot = sorted[member].slot;
+    for (var member = first; member != end; member = nodes[member - 1u].next) {
+        let slot = nodes[member - 1u].slot;
         if is_sheet(slot) && slot < shown
             && ((!was && eval_before_turned(slot)) || (!is && eval_after_turned(slot))) {
             shown = slot;

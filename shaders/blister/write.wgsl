@@ -1,5 +1,8 @@
 // Twin of blister/write.rs: what survived, as records of layers.
 
+// Boundaries by pixel, and where each pixel's begin.
+@group(0) @binding(6) var<storage, read> offsets: array<u32>;
+@group(0) @binding(8) var<storage, read_write> sorted: array<Survivor>;
 // Where each pixel's records begin.
 @group(0) @binding(10) var<storage, read> record_offsets: array<u32>;
 @group(0) @binding(11) var<storage, read_write> records: array<LayerRecord>;
@@ -24,7 +27,7 @@ fn mixed_colour(surface: u32, at: vec2<u32>) -> vec3<f32> {
     var weights = vec3<f32>(b.x * c.y - b.y * c.x, c.x * a.y - c.y * a.x, a.x * b.y - a.y * b.x);
     if frame.is_perspective != 0u {
         let key = surfaces[surface].key.xy;
-        let here = key_at(surface, at);
+        let here = key_at(surfaces[surface].key, surfaces[surface].anchor, surfaces[surface].range, at);
         // Keys at the corners; the plane's, as at the fragment.
         weights *= vec3<f32>(here + dot(key, a), here + dot(key, b), here + dot(key, c));
     }
@@ -66,6 +69,24 @@ fn write_record(place: u32, at: vec2<u32>, survivor: Survivor) {
     record.facing = select(-1, 1, is_front);
     record.samples = frame.samples;
     records[place] = record;
+}
+
+// As `write`, of what `resolve` left in the lists.
+@compute @workgroup_size(WORKGROUP)
+fn write_list(thread: Thread) {
+    let pixel = thread_number(thread);
+    if pixel >= pixel_count() {
+        return;
+    }
+    let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
+    let end = record_offsets[pixel + 1u];
+    var node = firsts[pixel];
+    for (var place = record_offsets[pixel]; place < end; place++) {
+        let own = nodes[node - 1u];
+        let is_front = u32((own.slot & BOUNDARY_FRONT) != 0u);
+        write_record(place, at, Survivor(own.key, own.surface, own.slot & ~BOUNDARY_FRONT, is_front));
+        node = own.next;
+    }
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -21,6 +21,8 @@ pub(super) mod flags {
     pub const PIECE_HIDDEN: u32 = 1 << 31;
     /// One of the leaves that hold all of the result.
     pub const SLOT_IN_SUPERSET: u32 = 4;
+    /// Beside a slot's number: the result is entered.
+    pub const BOUNDARY_FRONT: u32 = 1 << 31;
     /// Boundaries on it do not show.
     pub const SURFACE_HIDDEN: u32 = 1;
     /// `colour` has the bits of linear RGB.
@@ -140,16 +142,16 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// A fragment, as it comes.
+    /// A fragment in the list of its pixel, and then a boundary.
     pub struct Fragment {
-        /// Which pixel of the band.
-        pixel: u32,
-        /// Its number among the pixel's.
-        number: u32,
-        /// What it is of.
-        surface: u32,
         /// Larger is nearer.
         key: f32,
+        /// What it is of.
+        surface: u32,
+        /// Its leaf. Of a boundary, whose material is behind, with `BOUNDARY_FRONT` where the result is entered.
+        slot: u32,
+        /// The next of the pixel, plus one; 0 at the end.
+        next: u32,
     }
 }
 
@@ -194,15 +196,15 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// A fragment in its pixel's list, and then a boundary.
+    /// A boundary.
     pub struct Survivor {
         /// Larger is nearer.
         key: f32,
         /// What it is of.
         surface: u32,
-        /// Of a fragment, its leaf; of a boundary, whose material is behind.
+        /// Whose material is behind.
         slot: u32,
-        /// Of a boundary, whether the result is entered.
+        /// Whether the result is entered.
         is_front: u32,
     }
 }

@@ -14,9 +14,9 @@ use crate::space::{Camera, PixelRect};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Classifier {
     /// In compute, tile by tile of triangles, without fragments.
-    #[default]
     Tiles,
     /// One pass into lists of fragments, resolved in compute.
+    #[default]
     List,
     /// Peeling; every leaf's membership is carried from layer to layer.
     Running,
@@ -86,6 +86,11 @@ impl<'a> GpuMeshFrame<'a> {
     pub fn with_first_length(self, length: usize) -> Self {
         self.length.set(length);
         self
+    }
+
+    /// How much the last list had to hold: what [`with_first_length`](Self::with_first_length) takes for a frame much like it.
+    pub fn length(&self) -> usize {
+        self.length.get()
     }
 
     /// What peeling took so far.

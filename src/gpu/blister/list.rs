@@ -1,10 +1,10 @@
 //! One pass over what is drawn, into lists of fragments by pixel, resolved in compute as the CPU does.
 //!
-//! *Practice.* Fragments come in any order, each with its pixel and its number among that pixel's; sums of the counts tell where
-//! each pixel's begin. Both counts have to be known to the CPU before the next buffer is made: two waits for each band. A
-//! list that was too short is made as long as it has to be, and the band is drawn again: nothing is lost.
+//! *Practice.* Fragments come in any order, each linked to the one before it in its pixel; a pixel's list is sorted by its links alone, so
+//! what comes out does not depend on the order. How many there are has to be known to the CPU: one wait for each band, and another for
+//! how many boundaries. A list that was too short is made as long as it has to be, and the band is drawn again: nothing is lost.
 
-use super::arrangement::{Fragment, Survivor, Uploaded};
+use super::arrangement::{Fragment, Uploaded};
 use super::draws::{KINDS, NO_COLOUR, pass, pipeline};
 use super::frame::{GpuMeshFrame, with_room};
 use super::shader;
@@ -24,23 +24,22 @@ pub(super) fn draw(
 ) -> Result<GpuLayers, GpuError> {
     let of = ("fragments", std::mem::size_of::<Fragment>());
     with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
-        let fragments = gpu.storage::<Fragment>("fragments", room)?;
-        let (counts, length) = raster(gpu, uploaded, rect, &fragments)?;
-        let has_room = length <= room;
-        let layers = has_room.then(|| resolve(gpu, uploaded, rect, &fragments, &counts, length)).transpose()?;
+        let heads = gpu.storage::<u32>("heads", rect.area())?;
+        let nodes = gpu.storage::<Fragment>("nodes", room)?;
+        let length = raster(gpu, uploaded, rect, &heads, &nodes)?;
+        let layers = (length <= room).then(|| resolve(gpu, uploaded, rect, &heads, &nodes)).transpose()?;
         Ok((length, layers))
     })
 }
 
-/// Draws everything into `fragments`; returns the counts by pixel and the number of fragments, whether or not they had room.
+/// Draws everything into the lists; returns the number of fragments, whether or not they had room.
 fn raster(
     gpu: &Gpu,
     uploaded: &Uploaded,
     rect: PixelRect,
-    fragments: &wgpu::Buffer,
-) -> Result<(wgpu::Buffer, usize), GpuError> {
-    // One more than there are pixels: sums need a last zero.
-    let counts = gpu.storage::<u32>("counts", rect.area() + 1)?;
+    heads: &wgpu::Buffer,
+    nodes: &wgpu::Buffer,
+) -> Result<usize, GpuError> {
     let length = gpu.storage::<u32>("length", 1)?;
     let frame = gpu.uniform("frame", &uploaded.band(rect));
     let target = gpu.target("target", rect, NO_COLOUR)?;
@@ -51,7 +50,7 @@ fn raster(
         pass.set_vertex_buffer(0, uploaded.corners.slice(..));
         for (topology, vertices) in KINDS.into_iter().zip(uploaded.vertices()).filter(|(_, range)| !range.is_empty()) {
             let pipeline = pipeline(gpu, uploaded, "list_fragment", topology, false);
-            let buffers = [(0, &frame), (3, &uploaded.surfaces), (4, &length), (5, &counts), (7, fragments)];
+            let buffers = [(0, &frame), (3, &uploaded.surfaces), (4, &length), (5, heads), (7, nodes)];
             pass.set_pipeline(&pipeline);
             pass.set_bind_group(0, &gpu.bind_layout(&pipeline.get_bind_group_layout(0), &buffers), &[]);
             pass.draw(vertices, 0..1);
@@ -60,43 +59,35 @@ fn raster(
     }
     commands.count_pass(draws, u64::from(uploaded.triangles));
     commands.submit();
-    let length = gpu.download::<u32>(&length, 1)?[0] as usize;
-    Ok((counts, length))
+    Ok(gpu.download::<u32>(&length, 1)?[0] as usize)
 }
 
 fn resolve(
     gpu: &Gpu,
     uploaded: &Uploaded,
     rect: PixelRect,
-    fragments: &wgpu::Buffer,
-    counts: &wgpu::Buffer,
-    length: usize,
+    heads: &wgpu::Buffer,
+    nodes: &wgpu::Buffer,
 ) -> Result<GpuLayers, GpuError> {
-    let shader = shader(uploaded.words);
     let pixels = rect.area();
     let frame = gpu.uniform("frame", &uploaded.band(rect));
-    let sorted = gpu.storage::<Survivor>("sorted", length)?;
+    // One more than there are pixels: sums need a last zero.
     let kept = gpu.storage::<u32>("kept", pixels + 1)?;
-    let length_buffer = gpu.upload("length", &[length as u32])?;
     let mut commands = gpu.commands();
-    scan::exclusive(gpu, &mut commands, counts, pixels + 1)?;
-    let place = gpu.kernel(&shader, "place_fragments");
-    let buffers = [(3, &uploaded.surfaces), (4, &length_buffer), (6, counts), (7, fragments), (8, &sorted)];
-    commands.dispatch(&place, &gpu.bind(&place, &buffers), length);
-    let resolve = gpu.kernel(&shader, "resolve");
+    let resolve = gpu.kernel(&shader(uploaded.words), "resolve");
     let buffers = [
         (0, &frame),
         (1, &uploaded.steps),
         (2, &uploaded.slots),
         (3, &uploaded.surfaces),
-        (6, counts),
-        (8, &sorted),
+        (7, nodes),
         (9, &kept),
+        (13, heads),
     ];
     commands.dispatch(&resolve, &gpu.bind(&resolve, &buffers), pixels);
     scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
     commands.submit();
-    write(gpu, uploaded, &frame, rect, &sorted, counts, kept)
+    write_with(gpu, uploaded, &frame, rect, kept, "write_list", &[(7, nodes), (13, heads)])
 }
 
 /// Makes records of what is in `sorted`, where each pixel's begin at its `offsets` and are as many as `kept` says.

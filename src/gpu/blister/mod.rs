@@ -8,8 +8,7 @@
 //!
 //! *Changes from the paper.* WGSL has no `f64`, so vertices are projected and snapped on the CPU, as for its own pipeline: then both
 //! cover the same samples. Four ways to classify what is drawn: `list` puts every fragment into its pixel's list in one pass and
-//! resolves the lists in compute; `tiles` (the fastest everywhere measured, and the default) looks
-//! through the triangles of a small tile once for each layer, in compute; `running` and `parity` peel, the first carrying every leaf's membership from layer to layer, the
+//! resolves the lists in compute (the default: the fastest on lavapipe); `tiles` looks through the triangles of a small tile once for each layer, in compute; `running` and `parity` peel, the first carrying every leaf's membership from layer to layer, the
 //! second testing every leaf's parity at every layer anew, as the paper does. Both sides of a layer are asked (§4.3 and Fig. 12 of the
 //! paper disagree on ties), and all of its coincident fragments toggle together.
 //!
@@ -43,9 +42,6 @@ const LAST_KEY: u32 = (127 + 64) << 23;
 /// Nearer than every order: one more than that of the nearest key, whose bits are those of 1.
 const ALL_ORDERS: u32 = LAST_KEY - FIRST_KEY + 1;
 
-/// Pixels with more fragments are sorted by heap: insertion is quadratic.
-const INSERTION_SORTED: u32 = 32;
-
 /// The module, for states of so many words.
 pub(super) fn shader(words: u32) -> Shader {
     Shader::new("blister")
@@ -53,7 +49,7 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_constant("NO_SLOT", NO_SLOT)
         .with_constant("STEP_INSIDE", INSIDE)
         .with_constant("STEP_OUTSIDE", OUTSIDE)
-        .with_constant("INSERTION_SORTED", INSERTION_SORTED)
+        .with_constant("BOUNDARY_FRONT", flags::BOUNDARY_FRONT)
         .with_constant("SLOT_SHEET", flags::SLOT_SHEET)
         .with_constant("SLOT_IN_SUPERSET", flags::SLOT_IN_SUPERSET)
         .with_constant("PIECE_HIDDEN", flags::PIECE_HIDDEN)

@@ -140,7 +140,7 @@ impl<'p> Peel<'p> {
 
     /// Passes in turn: where the layer is, and what it is. With a superset the first layer is where that begins.
     fn parity_pass(&self, commands: &mut Commands, number: u32) {
-        let is_search = (number % 2 == 0) != self.is_bounded;
+        let is_search = number.is_multiple_of(2) != self.is_bounded;
         if is_search {
             self.render(commands, "peel_fragment", true);
             self.kernel(commands, "peel_layer");
