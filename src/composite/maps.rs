@@ -66,7 +66,7 @@ pub fn bytes_per_pixel(style: &Style, layers: usize) -> u64 {
 pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {
     // Surfaces are shown whole, whatever their opacity in the style.
     let whole = Style { kind: StyleKind::EdgeTransparent, opacity: 1.0, ..*style };
-    prepared(source, &whole, leaves, |source| maps_of(source, look, style, &whole, leaves))
+    prepared(source, &whole, leaves, None, |source| maps_of(source, look, style, &whole, leaves))
 }
 
 /// The maps of `source`, whose colours are those of the style `whole`.
