@@ -19,10 +19,11 @@
 //! of the pixel.
 
 use super::Look;
+use super::lighting::Shader;
 use super::merge::{Content, Contents};
 use super::occlusion::Shade;
 use super::picture::Picture;
-use super::shaded::{Shader, blend_one, over};
+use super::shaded::{blend_one, over};
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
 use crate::layers::{LayerSource, LayerTile};

@@ -12,9 +12,9 @@
 
 use super::Look;
 use super::lettering;
+use super::lighting::Shader;
 use super::picture::Picture;
 use super::section::Hatching;
-use super::shaded::Shader;
 use super::shown::Surface;
 use super::styled::Leaves;
 use crate::layers::{Boundary, Facing};

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::facets::central_sample;
 use super::layered::Inks;
-use super::shaded::Shader;
+use super::lighting::Shader;
 use super::sketchy::{Hand, Window};
 use super::strip::for_each_strip;
 use super::styled::prepared;

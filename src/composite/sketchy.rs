@@ -15,9 +15,9 @@ use glam::Vec2;
 
 use super::Look;
 use super::layered::{Composed, Gathered, Inks, from_strips};
+use super::lighting::Shader;
 use super::noise::Perlin;
 use super::picture::Picture;
-use super::shaded::Shader;
 use super::strip::Strip;
 use crate::layers::LayerSource;
 use crate::scene::style::{SketchSettings, Style};
