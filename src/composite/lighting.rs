@@ -107,16 +107,17 @@ impl<'a> Shader<'a> {
         batch.len = 0;
     }
 
-    /// The lit colours of all boundaries of `tile`, in their order, each with its opacity. The same light as
-    /// [`lit`](Self::lit).
-    pub fn lit_tile(&self, tile: &LayerTile) -> Vec<[f32; 4]> {
+    /// The lit colours of the boundaries of `tile`, in their order, each with its opacity. The same light as
+    /// [`lit`](Self::lit). Boundaries beyond the first `most` of a pixel are not lit.
+    pub fn lit_tile(&self, tile: &LayerTile, most: usize) -> Vec<[f32; 4]> {
         let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
         let mut batch = Batch::default();
         for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
             for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
                 let pixel = row * tile.rect.width() as usize + column;
                 let centre = self.centre_of(x, y);
-                for index in tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize {
+                let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
+                for index in from..to.min(from.saturating_add(most)) {
                     batch.push(index, centre, &tile.boundaries[index]);
                     if batch.len == LANES {
                         self.light(&mut batch, &mut lit);

@@ -85,7 +85,7 @@ fn maps_of(source: &dyn LayerSource, look: &Look, style: &Style, whole: &Style, 
     let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
     for_each_strip(source, &lined, leaves.heavy, &|| (), |strip| {
-        let surfaces = inks.of_strip(strip, &shader);
+        let surfaces = inks.of_strip(strip, &shader, source.samples());
         for index in strip.own.clone() {
             let tile = &strip.tiles[index];
             let rect = tile.rect;

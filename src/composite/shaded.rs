@@ -105,7 +105,7 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
                     shader.light(&mut batch, &mut pixels);
                 }
             } else {
-                let lit = lit.get_or_insert_with(|| shader.lit_tile(tile));
+                let lit = lit.get_or_insert_with(|| shader.lit_tile(tile, usize::MAX));
                 let of_pixel = tile.offsets[index] as usize..tile.offsets[index + 1] as usize;
                 pixels[index] = if samples == 1 {
                     blend_one(&lit[of_pixel], background)
