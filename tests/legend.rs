@@ -66,8 +66,7 @@ fn a_legend_names_the_leaves_that_show_and_changes_nothing_else() {
     let channels = |name: &str| {
         let read = exr::prelude::read_first_flat_layer_from_file(here.join(name)).unwrap();
         let list = read.layer_data.channel_data.list.into_iter();
-        let all = list.map(|channel| (channel.name.to_string(), format!("{:?}", channel.sample_data)));
-        all.collect::<Vec<_>>()
+        list.map(|channel| (channel.name.to_string(), channel.sample_data)).collect::<Vec<_>>()
     };
     let (before, after) = (channels("without.exr"), channels("with.exr"));
     let differ: Vec<&str> =
