@@ -37,10 +37,10 @@ pub(super) fn capital_height(size: u32) -> u32 {
 /// Draws `text`: calls `ink` with each pixel that it covers, to the right of its beginning and down from its base line, and the
 /// share of ink in it, above 0 to 1.
 pub(super) fn draw(text: &str, size: u32, mut ink: impl FnMut(i32, i32, f32)) {
-    let mut pen = 0.0;
+    let mut pen = 0.0_f32;
     for c in text.chars() {
         let (metrics, coverage) = FONT.rasterize(c, size as f32);
-        let (left, top) = ((pen as f32).round() as i32 + metrics.xmin, -(metrics.ymin + metrics.height as i32));
+        let (left, top) = (pen.round() as i32 + metrics.xmin, -(metrics.ymin + metrics.height as i32));
         for (i, &covered) in coverage.iter().enumerate().filter(|(_, covered)| **covered > 0) {
             let (column, row) = (i % metrics.width, i / metrics.width);
             ink(left + column as i32, top + row as i32, (STRONGER * f32::from(covered) / 255.0).min(1.0));
