@@ -69,7 +69,7 @@ pub struct Common {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Draw a scene into a PNG or EXR picture
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Tell what files or a scene hold
     Info(InfoArgs),
     /// Look for trouble before a long run: orientation, closedness, density, outliers
@@ -571,7 +571,7 @@ mod tests {
     fn render(line: &str) -> Result<RenderArgs, clap::Error> {
         let words = ["surfcut", "render"].into_iter().chain(line.split_whitespace());
         match Cli::try_parse_from(words)?.command.expect("the words name a command") {
-            Command::Render(args) => Ok(args),
+            Command::Render(args) => Ok(*args),
             other => panic!("{other:?}"),
         }
     }
