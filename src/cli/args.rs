@@ -69,7 +69,7 @@ pub struct Common {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Draw a scene into a PNG or EXR picture
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Tell what files or a scene hold
     Info(InfoArgs),
     /// Look for trouble before a long run: orientation, closedness, density, outliers
@@ -571,7 +571,7 @@ mod tests {
     fn render(line: &str) -> Result<RenderArgs, clap::Error> {
         let words = ["surfcut", "render"].into_iter().chain(line.split_whitespace());
         match Cli::try_parse_from(words)?.command.expect("the words name a command") {
-            Command::Render(args) => Ok(args),
+            Command::Render(args) => Ok(*args),
             other => panic!("{other:?}"),
         }
     }
@@ -600,6 +600,46 @@ mod tests {
         assert_eq!(args.pipeline.splat_settings(), SplatSettings::PAPER);
         for inside in Inside::ALL {
             assert_eq!(render(&format!("a --inside {}", inside.name())).unwrap().pipeline.inside, inside);
+        }
+    }
+
+    #[test]
+    fn a_style_s_flags_say_what_a_scene_says() {
+        use surfcut::scene::style::{Corner, Style};
+        let style = |line: &str| render(line).map(|args| args.style.style(&Style::default(), None));
+        let sketch =
+            style("a --sketch-edge -1,2,3,-4.5 --sketch-shade 0,0,0,32 --sketch-wavelength 16").unwrap().sketch;
+        assert_eq!((sketch.edge_px, sketch.shade_px), ([[-1.0, 2.0], [3.0, -4.5]], [[0.0, 0.0], [0.0, 32.0]]));
+        assert_eq!((sketch.wavelength_px, sketch.seed), (16.0, 1));
+        for (line, dash) in [("solid", None), ("dashed", Some([7.0, 5.0])), ("9,1.5", Some([9.0, 1.5]))] {
+            assert_eq!(style(&format!("a --hidden {line}")).unwrap().lines.hidden_dash_px, dash);
+        }
+        for (line, corner) in [
+            ("a", None),
+            ("a --legend", Some(Corner::BottomLeft)),
+            ("a --legend --quiet", Some(Corner::BottomLeft)),
+            ("a --legend top-right", Some(Corner::TopRight)),
+            ("a --legend none", None),
+        ] {
+            assert_eq!(style(line).unwrap().legend, corner, "{line}");
+        }
+        // What the scene says goes with it into another style, and a flag takes it away.
+        let scene = Style { legend: Some(Corner::TopLeft), ..Style::default() };
+        let of_scene = |line: &str| render(line).unwrap().style.style(&scene, None).legend;
+        assert_eq!(of_scene("a --style sketchy"), Some(Corner::TopLeft));
+        assert_eq!(of_scene("a --style sketchy --legend none"), None);
+        for (line, parts) in [
+            ("a --sketch-edge 1,2,3", ["--sketch-edge", "four numbers"]),
+            ("a --sketch-shade 1,2,3,33", ["--sketch-shade", "at most 32"]),
+            ("a --sketch-shade 1,2,3,nan", ["--sketch-shade", "at most 32"]),
+            ("a --sketch-wavelength 15", ["--sketch-wavelength", "break up"]),
+            ("a --hidden 0.5,3", ["--hidden", "a pixel long or more"]),
+            ("a --hidden wavy", ["--hidden", "dotted"]),
+            ("a --hidden 3,inf", ["--hidden", "a pixel long or more"]),
+            ("--legend a", ["--legend", "bottom-right"]),
+        ] {
+            let message = style(line).expect_err(line).to_string();
+            assert!(parts.iter().all(|part| message.contains(part)), "{line}: {message}");
         }
     }
 

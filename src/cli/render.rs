@@ -6,6 +6,7 @@ use anyhow::Context;
 use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::json;
+use surfcut::composite::legend;
 use surfcut::composite::maps::maps;
 use surfcut::composite::merge::Contents;
 use surfcut::composite::section::Hatching;
@@ -50,6 +51,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     // Maps show every layer, whatever the style draws.
     let frame = frame_args(&args.view, &loaded, &style, wants_layers || args.style.dump_maps.is_some());
     describe(args, &camera, frame, &style, &loaded, &mut report);
+    warn_of_legend(&style, &camera, session, &mut report);
     if let Some(folder) = &args.style.dump_maps {
         maps_folder(folder, session)?;
     }
@@ -62,7 +64,8 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let leaf_colours = leaf_colours(&loaded);
     let hatching = Hatching::of_scene(&loaded, &style);
     let heavy = hatching.heavy();
-    let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) };
+    let names = leaf_names(&loaded);
+    let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching), names: &names };
     let device = Device::open(&args.backend, session)?;
     report.settings.insert("backend".to_owned(), json!(device.as_ref().map_or("cpu".to_owned(), Device::name)));
     let drawing = Drawing {
@@ -124,6 +127,23 @@ pub fn opened(args: &RenderArgs, session: &Session) -> anyhow::Result<(Report, L
 /// The leaves' colours where they are of one, by index.
 pub fn leaf_colours(loaded: &LoadedScene) -> Vec<[f32; 3]> {
     (0..loaded.scene.leaves.len()).map(|leaf| loaded.colour(LeafId(leaf as u32))).collect()
+}
+
+/// The leaves' names, by index.
+pub fn leaf_names(loaded: &LoadedScene) -> Vec<String> {
+    loaded.scene.leaves.iter().map(|leaf| leaf.name.clone()).collect()
+}
+
+/// Warns where a legend is asked for and has no room.
+pub fn warn_of_legend(style: &Style, camera: &Camera, session: &Session, report: &mut Report) {
+    if style.legend.is_some() && !legend::has_room(camera.width, camera.height) {
+        let warning = format!(
+            "{}x{} pixels have no room for a legend that can be read: none is drawn; make the picture larger with --size",
+            camera.width, camera.height
+        );
+        session.tell(&format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
 }
 
 /// How many layers a file holds at most.

@@ -27,8 +27,8 @@ use super::failure::{InputError, UsageError, code};
 use super::memory::Held;
 use super::progress::Bars;
 use super::render::{
-    Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, has_points, leaf_colours, left_out_text,
-    most_layers, opened, picture_info, tell_of, times_text,
+    Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, has_points, leaf_colours, leaf_names,
+    left_out_text, most_layers, opened, picture_info, tell_of, times_text, warn_of_legend,
 };
 use super::{Session, input, memory};
 
@@ -63,6 +63,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     memory::check(&closest.camera, Held::picture(wants_layers, merged.len()))?;
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &closest.camera, frame, &style, &loaded, &mut report);
+    warn_of_legend(&style, &closest.camera, session, &mut report);
     let missing: Vec<usize> = (0..shots.len()).filter(|&frame| targets.lacks(frame)).collect();
     report.settings.insert("fps".to_owned(), json!(args.sequence.fps));
     report.count("leaves", loaded.scene.leaves.len() as u64);
@@ -75,6 +76,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let told = report.warnings.len();
         let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
         let leaf_colours = leaf_colours(&loaded);
+        let names = leaf_names(&loaded);
         let at_rest = Hatching::of_scene(&loaded, &style);
         let mut engine = engine(&mut loaded, &args.pipeline, frame, &closest.camera, session.bars, &mut report)?;
         report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
@@ -102,7 +104,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
                 device: device.as_ref(),
                 look,
                 style,
-                leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching) },
+                leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching), names: &names },
                 contents: &contents,
                 limit: frame.limit,
                 min_pixels: args.view.min_pixels,

@@ -2,9 +2,20 @@
 
 use clap::Args;
 use surfcut::scene::colour;
-use surfcut::scene::style::{CutColour, HIDDEN_LINES, Style, StyleKind, WIDEST_LINE_PX};
+use surfcut::scene::style::{
+    Corner, CutColour, HIDDEN_LINES, SketchSettings, Style, StyleKind, WIDEST_LINE_PX, is_dash_px,
+};
 
 use super::args::{choice, positive};
+
+/// Lengths of a dash and a gap in pixels; `None` draws lines whole.
+type HiddenLines = Option<[f32; 2]>;
+
+/// Where a legend stands; `None` draws none.
+type LegendAt = Option<Corner>;
+
+/// Rows of a 2×2 matrix, in pixels.
+type Offsets = [[f32; 2]; 2];
 
 /// The style; what is not given is the scene's.
 #[derive(Debug, Clone, Default, Args)]
@@ -33,21 +44,34 @@ pub struct StyleArgs {
     /// Surfaces further apart than this many footprints of a pixel have a line between them
     #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Style")]
     pub jump: Option<f64>,
-    /// Lines that a nearer layer hides: solid, dashed or dotted
-    #[arg(long, value_name = "LINE", value_parser = clap::builder::PossibleValuesParser::new(HIDDEN_LINES.map(|(name, _)| name)), help_heading = "Style")]
-    pub hidden: Option<String>,
+    /// Lines that a nearer layer hides: solid, dashed, dotted, or the lengths of a dash and a gap in pixels, such as 9,4
+    #[arg(long, value_name = "LINE|DASH,GAP", value_parser = hidden_lines, help_heading = "Style")]
+    pub hidden: Option<HiddenLines>,
     /// Colour of lines: #rrggbb or a name
     #[arg(long, value_name = "COLOUR", value_parser = rgb, help_heading = "Style")]
     pub ink: Option<[f32; 3]>,
     /// Colour of cut faces: cutter, leaf (that was cut), #rrggbb or a name
     #[arg(long, alias = "cut-color", value_name = "WHOSE|COLOUR", value_parser = cut_colour, help_heading = "Style")]
     pub cut_colour: Option<CutColour>,
+    /// Name the leaves that show, each beside its colour, in a corner: bottom-left where none is named, bottom-right, top-left
+    /// or top-right; none for no legend where the scene has one. In an EXR it is in the picture's colours alone
+    #[arg(long, value_name = "CORNER", num_args = 0..=1, default_missing_value = Corner::default().name(), value_parser = legend, help_heading = "Style")]
+    pub legend: Option<LegendAt>,
     /// Write what the picture is made of into this folder: each layer's depth, normals, colours and lines
     #[arg(long, value_name = "FOLDER", value_hint = clap::ValueHint::DirPath, help_heading = "Style")]
     pub dump_maps: Option<std::path::PathBuf>,
     /// Another hand for the sketchy style
     #[arg(long, value_name = "N", help_heading = "Style")]
     pub seed: Option<u32>,
+    /// How far the noise moves edges in the sketchy style: the rows of a 2x2 matrix in pixels, such as 5,0,0,5
+    #[arg(long, value_name = "XX,XY,YX,YY", value_parser = offsets, allow_hyphen_values = true, help_heading = "Style")]
+    pub sketch_edge: Option<Offsets>,
+    /// How far it moves surfaces
+    #[arg(long, value_name = "XX,XY,YX,YY", value_parser = offsets, allow_hyphen_values = true, help_heading = "Style")]
+    pub sketch_shade: Option<Offsets>,
+    /// Distance over which the noise changes, in pixels
+    #[arg(long, value_name = "PX", value_parser = wavelength, help_heading = "Style")]
+    pub sketch_wavelength: Option<f32>,
 }
 
 impl StyleArgs {
@@ -56,8 +80,8 @@ impl StyleArgs {
         let mut style = *scene;
         if let Some(kind) = self.style.filter(|&kind| kind != scene.kind) {
             // What suits one style's opacities does not suit another's; lines and colours are the scene's still.
-            let Style { lines, sketch, cut_colour, max_layers, .. } = *scene;
-            style = Style { lines, sketch, cut_colour, max_layers, ..Style::of(kind) };
+            let Style { lines, sketch, cut_colour, max_layers, legend, .. } = *scene;
+            style = Style { lines, sketch, cut_colour, max_layers, legend, ..Style::of(kind) };
         }
         style.opacity = self.opacity.unwrap_or(style.opacity);
         style.fade = self.fade.unwrap_or(style.fade);
@@ -66,15 +90,64 @@ impl StyleArgs {
         style.lines.width_px = self.line_width.unwrap_or(style.lines.width_px);
         style.lines.crease_degrees = self.crease.unwrap_or(style.lines.crease_degrees);
         style.lines.jump_px = self.jump.map_or(style.lines.jump_px, |jump| jump as f32);
-        if let Some((_, dash)) = self.hidden.as_ref().and_then(|hidden| HIDDEN_LINES.iter().find(|l| l.0 == hidden)) {
-            style.lines.hidden_dash_px = *dash;
-        }
+        style.lines.hidden_dash_px = self.hidden.unwrap_or(style.lines.hidden_dash_px);
         style.lines.ink = self.ink.or(style.lines.ink);
         style.cut_colour = self.cut_colour.unwrap_or(style.cut_colour);
         style.sketch.seed = self.seed.unwrap_or(style.sketch.seed);
+        style.sketch.edge_px = self.sketch_edge.unwrap_or(style.sketch.edge_px);
+        style.sketch.shade_px = self.sketch_shade.unwrap_or(style.sketch.shade_px);
+        style.sketch.wavelength_px = self.sketch_wavelength.unwrap_or(style.sketch.wavelength_px);
+        style.legend = self.legend.unwrap_or(style.legend);
         style.max_layers = max_layers.or(style.max_layers);
         style
     }
+}
+
+/// `N` numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
+fn hidden_lines(text: &str) -> Result<HiddenLines, String> {
+    if let Some((_, dash)) = HIDDEN_LINES.iter().find(|(name, _)| *name == text) {
+        return Ok(*dash);
+    }
+    let names = HIDDEN_LINES.map(|(name, _)| name).join(", ");
+    let lengths = numbers::<2>(text).ok_or_else(|| format!("write {names}, or two lengths in pixels such as 9,4"))?;
+    if lengths.into_iter().all(is_dash_px) {
+        Ok(Some(lengths))
+    } else {
+        Err("a dash and a gap are a pixel long or more, and end".into())
+    }
+}
+
+fn offsets(text: &str) -> Result<Offsets, String> {
+    let wanted = "write four numbers, the rows of a 2x2 matrix in pixels, such as 5,0,0,5";
+    let [xx, xy, yx, yy] = numbers::<4>(text).ok_or(wanted)?;
+    if ![xx, xy, yx, yy].into_iter().all(SketchSettings::is_offset_px) {
+        return Err(format!("offsets are at most {} pixels", SketchSettings::MOST_OFFSET_PX));
+    }
+    Ok([[xx, xy], [yx, yy]])
+}
+
+fn wavelength(text: &str) -> Result<f32, String> {
+    let px = positive(text)? as f32;
+    if SketchSettings::is_wavelength_px(px) {
+        Ok(px)
+    } else {
+        Err(format!("lines break up below {} pixels", SketchSettings::LEAST_WAVELENGTH_PX))
+    }
+}
+
+fn legend(text: &str) -> Result<LegendAt, String> {
+    if text == "none" {
+        return Ok(None);
+    }
+    let names = Corner::ALL.map(Corner::name).join(", ");
+    // Whatever follows the flag is taken for a corner.
+    let wanted = || format!("write none or one of {names}; a scene goes before the flag");
+    Corner::from_name(text).map(Some).ok_or_else(wanted)
 }
 
 fn share(text: &str) -> Result<f32, String> {

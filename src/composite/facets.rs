@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::layers::{Facing, LayerTile, TILE_SIDE, sample_offsets};
+use crate::layers::{Boundary, Facing, LayerTile, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect, Projection};
 
 /// A surface seen at a grazing angle steps by at most so many footprints a pixel: its true slope has no limit, and what it
@@ -239,46 +239,53 @@ impl Slopes {
 
     fn facets(&self, tile: &LayerTile, samples: u32, sample: u32) -> Facets {
         let rect = tile.rect;
-        let count = tile.boundaries.len();
-        let array = || Vec::with_capacity(count);
-        let mut facets = Facets {
-            rect,
-            offsets: Vec::with_capacity(rect.area() + 1),
-            depth: array(),
-            px_per_unit: array(),
-            step: [array(), array()],
-            normal: [array(), array(), array()],
-            facing: array(),
-            leaf: Vec::with_capacity(count),
+        let is_seen = |boundary: &Boundary| samples <= 1 || boundary.samples >> sample & 1 == 1;
+        let offsets = if samples <= 1 {
+            tile.offsets.clone()
+        } else {
+            let mut seen = 0;
+            let of_pixel = |pixel: &[u32]| {
+                let boundaries = &tile.boundaries[pixel[0] as usize..pixel[1] as usize];
+                seen += boundaries.iter().filter(|boundary| is_seen(boundary)).count() as u32;
+                seen
+            };
+            std::iter::once(0).chain(tile.offsets.windows(2).map(of_pixel)).collect()
         };
-        facets.offsets.push(0);
-        let mut pixel = 0;
-        for y in rect.y0..rect.y1 {
-            let v = (y as f32 - self.middle[1]) * self.tangent;
-            for x in rect.x0..rect.x1 {
-                let u = (x as f32 - self.middle[0]) * self.tangent;
-                let towards = self.forward + self.right * u + self.down * v;
-                let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                pixel += 1;
-                for boundary in &tile.boundaries[of_pixel] {
-                    if samples > 1 && boundary.samples >> sample & 1 == 0 {
+        let count = offsets.last().map_or(0, |count| *count as usize);
+        let array = || vec![0.0_f32; count];
+        let (mut depth, mut px_per_unit, mut facing, mut leaf) = (array(), array(), array(), vec![0; count]);
+        let (mut right, mut down, mut x_of, mut y_of, mut z_of) = (array(), array(), array(), array(), array());
+        // Slices of one known length: no write asks where its array ends.
+        {
+            let (depth, px_per_unit, facing) = (&mut depth[..count], &mut px_per_unit[..count], &mut facing[..count]);
+            let (leaf, right, down) = (&mut leaf[..count], &mut right[..count], &mut down[..count]);
+            let (x_of, y_of, z_of) = (&mut x_of[..count], &mut y_of[..count], &mut z_of[..count]);
+            let (mut pixel, mut i) = (0, 0);
+            for y in rect.y0..rect.y1 {
+                let v = (y as f32 - self.middle[1]) * self.tangent;
+                for x in rect.x0..rect.x1 {
+                    let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
+                    pixel += 1;
+                    if of_pixel.is_empty() {
                         continue;
                     }
-                    let normal = boundary.normal;
-                    let [right, down] = self.step_along(normal, towards);
-                    facets.depth.push(boundary.depth);
-                    facets.px_per_unit.push(self.px_per_unit(boundary.depth));
-                    facets.step[0].push(right);
-                    facets.step[1].push(down);
-                    for (values, value) in facets.normal.iter_mut().zip(normal.to_array()) {
-                        values.push(value);
+                    let u = (x as f32 - self.middle[0]) * self.tangent;
+                    let towards = self.forward + self.right * u + self.down * v;
+                    for boundary in tile.boundaries[of_pixel].iter().filter(|boundary| is_seen(boundary)) {
+                        if i >= count {
+                            break;
+                        }
+                        [right[i], down[i]] = self.step_along(boundary.normal, towards);
+                        depth[i] = boundary.depth;
+                        px_per_unit[i] = self.px_per_unit(boundary.depth);
+                        [x_of[i], y_of[i], z_of[i]] = boundary.normal.to_array();
+                        facing[i] = f32::from(boundary.facing as i8);
+                        leaf[i] = boundary.leaf;
+                        i += 1;
                     }
-                    facets.facing.push(f32::from(boundary.facing as i8));
-                    facets.leaf.push(boundary.leaf);
                 }
-                facets.offsets.push(facets.depth.len() as u32);
             }
         }
-        facets
+        Facets { rect, offsets, depth, px_per_unit, step: [right, down], normal: [x_of, y_of, z_of], facing, leaf }
     }
 }

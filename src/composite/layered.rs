@@ -19,13 +19,14 @@
 //! of the pixel.
 
 use super::Look;
+use super::lighting::Shader;
 use super::merge::{Content, Contents};
 use super::occlusion::Shade;
 use super::picture::Picture;
-use super::shaded::{Shader, blend_one, over};
+use super::shaded::{blend_one, over};
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
-use crate::layers::{LayerSource, LayerTile};
+use crate::layers::{Boundary, LayerSource, LayerTile};
 use crate::scene::style::{Style, StyleKind};
 
 use rayon::prelude::*;
@@ -64,7 +65,7 @@ pub(super) fn layered(
         |strip, (), index| {
             let tile = &strip.tiles[index];
             let lines = strip.lines(index, tile.rect, false);
-            let mut surfaces = inks.surfaces(tile, &shader);
+            let mut surfaces = inks.surfaces(tile, &shader, samples);
             if let Some(shade) = &shade {
                 shade.darken(strip, index, &mut surfaces);
             }
@@ -125,17 +126,19 @@ impl Inks {
     }
 
     /// The colours of the surfaces of each tile of `strip`.
-    pub fn of_strip(&self, strip: &Strip, shader: &Shader) -> Vec<Vec<[f32; 4]>> {
-        strip.tiles.par_iter().map(|tile| self.surfaces(tile, shader)).collect()
+    pub fn of_strip(&self, strip: &Strip, shader: &Shader, samples: u32) -> Vec<Vec<[f32; 4]>> {
+        strip.tiles.par_iter().map(|tile| self.surfaces(tile, shader, samples)).collect()
     }
 
-    /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities.
-    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader) -> Vec<[f32; 4]> {
+    /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities; those beyond the last layer drawn
+    /// may be nothing.
+    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader, samples: u32) -> Vec<[f32; 4]> {
         if self.tints {
             let [r, g, b] = self.colour;
             tile.boundaries.iter().map(|boundary| [r, g, b, boundary.opacity.clamp(0.0, 1.0)]).collect()
         } else {
-            shader.lit_tile(tile)
+            // The first boundaries of a pixel are the first layers of its only sample.
+            shader.lit_tile(tile, if samples == 1 { self.most } else { usize::MAX })
         }
     }
 }
@@ -242,10 +245,18 @@ pub(super) fn compose(
     let ink_at = |layer: usize, pixel: usize| {
         lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]))
     };
+    let is_crossed = crossed(lines, area);
     let mut found = Vec::new();
     for pixel in 0..area {
         let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
         covered += u64::from(from < to);
+        if samples == 1 && contents.is_empty() && !is_crossed[pixel] {
+            if from < to {
+                let to = to.min(from.saturating_add(inks.most));
+                (pixels[pixel], depth[pixel]) = bare(&tile.boundaries[from..to], &surfaces[from..to], background);
+            }
+            continue;
+        }
         let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
         contents.at(tile.rect.x0 + x, tile.rect.y0 + y, &mut found);
         if from == to && found.is_empty() && (0..lines.len()).all(|layer| ink_at(layer, pixel).0 == 0.0) {
@@ -288,4 +299,30 @@ pub(super) fn compose(
         pixels[pixel] = over(light.map(|c| c * share), through * share, background);
     }
     Composed { pixels, depth, covered }
+}
+
+/// By pixel, of `area`, whether a line of any layer crosses it.
+fn crossed(lines: &LineMaps, area: usize) -> Vec<bool> {
+    let mut crossed = vec![false; area];
+    for map in (0..lines.len()).filter_map(|layer| lines.layer(layer)) {
+        crossed.iter_mut().zip(&map.ink).for_each(|(crossed, ink)| *crossed |= *ink != 0.0);
+    }
+    crossed
+}
+
+/// A pixel of one sample that no line crosses, and its depth: what [`Gathered`] makes of it, which adds zeros for ink.
+#[inline]
+fn bare(boundaries: &[Boundary], surfaces: &[[f32; 4]], background: [f32; 4]) -> ([f32; 4], f32) {
+    let (mut light, mut through, mut depth) = ([0.0; 3], 1.0, f32::INFINITY);
+    for (boundary, &[r, g, b, a]) in boundaries.iter().zip(surfaces) {
+        if a > 0.0 && depth == f32::INFINITY {
+            depth = boundary.depth;
+        }
+        light = [light[0] + through * (a * r), light[1] + through * (a * g), light[2] + through * (a * b)];
+        through *= 1.0 - a;
+        if through <= 0.0 {
+            break;
+        }
+    }
+    (over(light, through, background), depth)
 }

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::facets::central_sample;
 use super::layered::Inks;
-use super::shaded::Shader;
+use super::lighting::Shader;
 use super::sketchy::{Hand, Window};
 use super::strip::for_each_strip;
 use super::styled::prepared;
@@ -66,7 +66,7 @@ pub fn bytes_per_pixel(style: &Style, layers: usize) -> u64 {
 pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {
     // Surfaces are shown whole, whatever their opacity in the style.
     let whole = Style { kind: StyleKind::EdgeTransparent, opacity: 1.0, ..*style };
-    prepared(source, &whole, leaves, |source| maps_of(source, look, style, &whole, leaves))
+    prepared(source, &whole, leaves, None, |source| maps_of(source, look, style, &whole, leaves))
 }
 
 /// The maps of `source`, whose colours are those of the style `whole`.
@@ -85,7 +85,7 @@ fn maps_of(source: &dyn LayerSource, look: &Look, style: &Style, whole: &Style, 
     let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
     for_each_strip(source, &lined, leaves.heavy, &|| (), |strip| {
-        let surfaces = inks.of_strip(strip, &shader);
+        let surfaces = inks.of_strip(strip, &shader, source.samples());
         for index in strip.own.clone() {
             let tile = &strip.tiles[index];
             let rect = tile.rect;

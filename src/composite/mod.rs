@@ -1,13 +1,17 @@
 //! Draws a [`LayerSource`](crate::layers::LayerSource) into a picture. Styles see layers and nothing of what made them.
 //!
-//! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers. The
-//! styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
+//! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers, lit as
+//! [`lighting`] says. The styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
 //! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines; [`maps`] shows what
-//! they are made of. `occlusion` darkens the hollows of a shaded scan.
+//! they are made of. `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
+//! `shown` saw, in letters of `lettering`.
 
 mod edges;
 mod facets;
 mod layered;
+pub mod legend;
+mod lettering;
+pub mod lighting;
 pub mod maps;
 pub mod merge;
 mod noise;
@@ -16,6 +20,7 @@ pub mod picture;
 pub mod recolour;
 pub mod section;
 pub mod shaded;
+mod shown;
 mod sketchy;
 mod strip;
 mod strokes;
@@ -23,6 +28,7 @@ mod styled;
 #[cfg(test)]
 mod tests;
 
+pub use lighting::Look;
 pub use picture::Picture;
-pub use shaded::{Look, shaded};
+pub use shaded::shaded;
 pub use styled::{Leaves, styled, styled_with};

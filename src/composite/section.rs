@@ -55,6 +55,15 @@ pub struct Hatching {
     colours: Vec<[f32; 3]>,
 }
 
+/// How lines run on one cap of one leaf.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CapLines {
+    /// Unit vector along the lines, world space.
+    pub along: DVec3,
+    /// Their distance as a multiple of the section's.
+    pub spacing: f64,
+}
+
 /// The stripes on one cap of one leaf.
 #[derive(Debug, Clone, Copy)]
 struct Stripes {
@@ -133,6 +142,28 @@ impl Hatching {
         let mut heavy = vec![false; self.sections.iter().map(|section| section.leaf as usize + 1).max().unwrap_or(0)];
         self.sections.iter().for_each(|section| heavy[section.leaf as usize] = true);
         heavy
+    }
+
+    /// The direction of the lines on the cap that section `leaf` makes of leaf `body`; `None` where the leaf is no section.
+    pub(super) fn lines(&self, leaf: u32, body: u32) -> Option<CapLines> {
+        let section = self.section(leaf)?;
+        let stripes = self.stripes(section, body);
+        Some(CapLines { along: section.normal.cross(stripes.across), spacing: stripes.spacing / section.spacing })
+    }
+
+    /// The lines' colour, linear RGB.
+    pub(super) fn ink(&self) -> [f32; 3] {
+        self.ink
+    }
+
+    /// The lines' width in pixels.
+    pub(super) fn line_px(&self) -> f64 {
+        self.line_px
+    }
+
+    /// The colour of caps of leaf `body`, linear RGB; `None` where that is the surface's own.
+    pub(super) fn colour(&self, body: u32) -> Option<[f32; 3]> {
+        self.colours.get(body as usize).copied()
     }
 
     fn section(&self, leaf: u32) -> Option<&SectionPlane> {

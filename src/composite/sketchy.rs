@@ -15,9 +15,9 @@ use glam::Vec2;
 
 use super::Look;
 use super::layered::{Composed, Gathered, Inks, from_strips};
+use super::lighting::Shader;
 use super::noise::Perlin;
 use super::picture::Picture;
-use super::shaded::Shader;
 use super::strip::Strip;
 use crate::layers::LayerSource;
 use crate::scene::style::{SketchSettings, Style};
@@ -41,7 +41,7 @@ pub(super) fn sketchy(
     let samples = source.samples();
     let hand = Hand::new(&style.sketch);
     // A tile's surfaces are looked up from the tiles around it too.
-    let surfaces = |strip: &Strip| inks.of_strip(strip, &shader);
+    let surfaces = |strip: &Strip| inks.of_strip(strip, &shader, samples);
     from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index| {
         let rect = strip.tiles[index].rect;
         let area = rect.area();

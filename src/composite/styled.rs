@@ -1,10 +1,12 @@
 //! Any style, from any source.
 
 use super::layered::layered;
+use super::legend;
 use super::merge::{Contents, compose};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
 use super::shaded::shaded;
+use super::shown::{Shown, Watched};
 use super::sketchy::sketchy;
 use super::{Look, Picture};
 use crate::layers::LayerSource;
@@ -19,6 +21,8 @@ pub struct Leaves<'a> {
     pub heavy: &'a [bool],
     /// How the caps of sections are hatched.
     pub hatching: Option<&'a Hatching>,
+    /// What a legend calls them.
+    pub names: &'a [String],
 }
 
 /// Draws `source` as `style` says. The same bits on any number of threads. `on_tile` is called once for each tile drawn, from
@@ -30,11 +34,7 @@ pub fn styled(
     leaves: Leaves,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    prepared(source, style, leaves, |source| match style.kind {
-        _ if is_plain(style, leaves) => shaded(source, look, on_tile),
-        StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
-        _ => layered(source, look, style, leaves.heavy, &Contents::default(), on_tile),
-    })
+    styled_with(source, look, style, leaves, &Contents::default(), on_tile)
 }
 
 /// As [`styled`], composed with other content by depth.
@@ -46,20 +46,43 @@ pub fn styled_with(
     contents: &Contents,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    if contents.is_empty() {
-        return styled(source, look, style, leaves, on_tile);
+    let Some(corner) = style.legend else {
+        return composed(source, look, style, leaves, contents, None, on_tile);
+    };
+    let shown = Shown::new(style);
+    let mut picture = composed(source, look, style, leaves, contents, Some(&shown), on_tile);
+    legend::draw(&mut picture, corner, &shown.into_surfaces(), source.camera(), look, style, leaves);
+    picture
+}
+
+/// The picture without a legend; `shown` learns what one has to tell of.
+fn composed(
+    source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
+    leaves: Leaves,
+    contents: &Contents,
+    shown: Option<&Shown>,
+    on_tile: &(dyn Fn() + Sync),
+) -> Picture {
+    let watch = shown.map(|shown| (shown, contents));
+    if contents.is_empty() || style.kind != StyleKind::Sketchy {
+        return prepared(source, style, leaves, watch, |source| match style.kind {
+            _ if contents.is_empty() && is_plain(style, leaves) => shaded(source, look, on_tile),
+            StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
+            _ => layered(source, look, style, leaves.heavy, contents, on_tile),
+        });
     }
-    if style.kind == StyleKind::Sketchy {
-        const NOTHING: [f32; 4] = [0.0; 4];
-        let look_over_nothing = Look { background: NOTHING, ..*look };
-        // The ink that suits the paper is still that of the paper.
-        let mut inked = *style;
-        inked.lines.ink = Some(style.ink(look.background));
-        let mut picture = styled(source, &look_over_nothing, &inked, leaves, on_tile);
-        compose(&mut picture, contents, look.background);
-        return picture;
-    }
-    prepared(source, style, leaves, |source| layered(source, look, style, leaves.heavy, contents, on_tile))
+    const NOTHING: [f32; 4] = [0.0; 4];
+    let look_over_nothing = Look { background: NOTHING, ..*look };
+    // The ink that suits the paper is still that of the paper.
+    let mut inked = *style;
+    inked.lines.ink = Some(style.ink(look.background));
+    let mut picture = prepared(source, style, leaves, watch, |source| {
+        sketchy(source, &look_over_nothing, &inked, leaves.heavy, on_tile)
+    });
+    compose(&mut picture, contents, look.background);
+    picture
 }
 
 /// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
@@ -67,15 +90,18 @@ fn is_plain(style: &Style, leaves: Leaves) -> bool {
     !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 
-/// Calls `draw` with `source` as `style` and `leaves` change it.
+/// Calls `draw` with `source` as `style` and `leaves` change it. `watch` learns what shows of it, before caps are hatched.
 pub(super) fn prepared<T>(
     source: &dyn LayerSource,
     style: &Style,
     leaves: Leaves,
+    watch: Option<(&Shown, &Contents)>,
     draw: impl FnOnce(&dyn LayerSource) -> T,
 ) -> T {
     let recoloured = Recoloured::new(source, style, leaves.colours);
     let source = if recoloured.is_plain() { source } else { &recoloured };
+    let watched = watch.map(|(shown, contents)| Watched::new(source, shown, contents));
+    let source = watched.as_ref().map_or(source, |watched| watched);
     match leaves.hatching.filter(|hatching| !hatching.is_empty()) {
         Some(hatching) => draw(&Hatched::new(source, hatching)),
         None => draw(source),

@@ -26,7 +26,7 @@ use ::exr::prelude::{Compression, WritableImage};
 
 use super::{Destination, OutputError, PictureInfo, SOFTWARE};
 use crate::composite::Picture;
-use crate::composite::shaded::Shader;
+use crate::composite::lighting::Shader;
 use crate::layers::{Boundary, LayerStack};
 use crate::scene::Light;
 

@@ -55,6 +55,50 @@ impl StyleKind {
     }
 }
 
+/// A corner of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Corner {
+    /// Where a reader begins.
+    TopLeft,
+    /// Top right.
+    TopRight,
+    /// Where pictures seldom show anything.
+    #[default]
+    BottomLeft,
+    /// Bottom right.
+    BottomRight,
+}
+
+impl Corner {
+    /// All corners.
+    pub const ALL: [Self; 4] = [Self::TopLeft, Self::TopRight, Self::BottomLeft, Self::BottomRight];
+
+    /// The name in files and flags.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::TopLeft => "top-left",
+            Self::TopRight => "top-right",
+            Self::BottomLeft => "bottom-left",
+            Self::BottomRight => "bottom-right",
+        }
+    }
+
+    /// The corner called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|corner| corner.name() == name)
+    }
+
+    /// Whether it is one of the left two.
+    pub fn is_left(self) -> bool {
+        matches!(self, Self::TopLeft | Self::BottomLeft)
+    }
+
+    /// Whether it is one of the upper two.
+    pub fn is_top(self) -> bool {
+        matches!(self, Self::TopLeft | Self::TopRight)
+    }
+}
+
 /// Whose colour a cut face has: where a cutter's surface bounds the result.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum CutColour {
@@ -70,6 +114,11 @@ pub enum CutColour {
 /// How hidden lines may be drawn, by name: lengths of a dash and a gap in pixels.
 pub const HIDDEN_LINES: [(&str, Option<[f32; 2]>); 3] =
     [("solid", None), ("dashed", Some([7.0, 5.0])), ("dotted", Some([1.5, 3.5]))];
+
+/// Whether a dash or a gap may have this length in pixels: shorter ones would be grey.
+pub fn is_dash_px(length: f32) -> bool {
+    length >= 1.0 && length.is_finite()
+}
 
 /// Lines are at most this wide, so that those of one tile end in the next.
 pub const WIDEST_LINE_PX: f32 = 16.0;
@@ -115,6 +164,16 @@ impl SketchSettings {
     pub const MOST_OFFSET_PX: f32 = 32.0;
     /// The noise is computed every eighth pixel.
     pub const LEAST_WAVELENGTH_PX: f32 = 16.0;
+
+    /// Whether a matrix may hold this number, in pixels.
+    pub fn is_offset_px(offset: f32) -> bool {
+        offset.abs() <= Self::MOST_OFFSET_PX
+    }
+
+    /// Whether the noise may change over this distance, in pixels.
+    pub fn is_wavelength_px(length: f32) -> bool {
+        length >= Self::LEAST_WAVELENGTH_PX && length.is_finite()
+    }
 }
 
 impl Default for SketchSettings {
@@ -151,6 +210,8 @@ pub struct Style {
     pub cut_colour: CutColour,
     /// Layers drawn at most.
     pub max_layers: Option<u32>,
+    /// Where the names of the leaves that show stand beside their colours; `None` draws no legend.
+    pub legend: Option<Corner>,
 }
 
 impl Default for Style {
@@ -172,6 +233,7 @@ impl Style {
             sketch: SketchSettings::default(),
             cut_colour: CutColour::default(),
             max_layers: None,
+            legend: None,
         }
     }
 

@@ -14,14 +14,15 @@
 //! ink = "#203040"
 //! cut_colour = "leaf"         # cutter, leaf, or a colour
 //! max_layers = 4
+//! legend = true               # names of the leaves that show, or in which corner: "bottom-right"
 //! sketch = { edge = [[5, 0], [0, 5]], shade = [[-7, 2], [-2, -7]], wavelength = 90, seed = 1 }   # pixels
 //! ```
 
-use super::style::{CutColour, HIDDEN_LINES, SketchSettings, Style, StyleKind};
+use super::style::{Corner, CutColour, HIDDEN_LINES, SketchSettings, Style, StyleKind, is_dash_px};
 use super::toml_file::SceneError;
 use super::toml_values::Field;
 
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 14] = [
     "kind",
     "opacity",
     "tint",
@@ -34,6 +35,7 @@ const KEYS: [&str; 13] = [
     "ink",
     "cut_colour|cut_color",
     "max_layers",
+    "legend",
     "sketch",
 ];
 
@@ -96,17 +98,30 @@ pub(super) fn parse(field: &Field) -> Result<Style, SceneError> {
         }
         style.max_layers = Some(number as u32);
     }
+    if let Some(legend) = table.get("legend")? {
+        style.legend = parse_legend(&legend)?;
+    }
     if let Some(sketch) = table.get("sketch")? {
         style.sketch = parse_sketch(&sketch)?;
     }
     Ok(style)
 }
 
+fn parse_legend(field: &Field) -> Result<Option<Corner>, SceneError> {
+    if !field.is_text() {
+        return Ok(field.flag()?.then(Corner::default));
+    }
+    let name = field.text("a corner")?;
+    let names = Corner::ALL.map(Corner::name).join(", ");
+    let unknown = || field.bad(format!("\"{name}\" is no corner"), format!("write true, false or one of {names}"));
+    Corner::from_name(name).map(Some).ok_or_else(unknown)
+}
+
 fn parse_hidden(field: &Field) -> Result<Option<[f32; 2]>, SceneError> {
     let wanted = "\"solid\", \"dashed\", \"dotted\" or [dash, gap] in pixels";
     if field.is_list() {
         let lengths = field.numbers::<2>(wanted)?.map(|length| length as f32);
-        if !lengths.iter().all(|&length| length >= 1.0 && length.is_finite()) {
+        if !lengths.into_iter().all(is_dash_px) {
             return Err(field.bad("a dash or gap is shorter than a pixel", format!("write {wanted}")));
         }
         return Ok(Some(lengths));
@@ -129,7 +144,7 @@ fn parse_sketch(field: &Field) -> Result<SketchSettings, SceneError> {
         }
         for (row, values) in rows.iter().zip(matrix) {
             *values = row.numbers::<2>(wanted)?.map(|value| value as f32);
-            if values.iter().any(|v| !(v.abs() <= SketchSettings::MOST_OFFSET_PX)) {
+            if !values.iter().all(|value| SketchSettings::is_offset_px(*value)) {
                 let most = SketchSettings::MOST_OFFSET_PX;
                 return Err(row.bad(format!("offsets are at most {most} pixels"), "write smaller numbers"));
             }
@@ -137,7 +152,7 @@ fn parse_sketch(field: &Field) -> Result<SketchSettings, SceneError> {
     }
     if let Some(wavelength) = table.get("wavelength")? {
         sketch.wavelength_px = wavelength.positive()? as f32;
-        if !(sketch.wavelength_px >= SketchSettings::LEAST_WAVELENGTH_PX) {
+        if !SketchSettings::is_wavelength_px(sketch.wavelength_px) {
             let least = SketchSettings::LEAST_WAVELENGTH_PX;
             return Err(wavelength.bad(format!("lines break up below {least} pixels"), "write a longer wavelength"));
         }

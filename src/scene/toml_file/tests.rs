@@ -237,7 +237,7 @@ fn rubbish_never_panics() {
 
 #[test]
 fn a_style_is_read_with_all_that_it_names() {
-    use crate::scene::style::{CutColour, StyleKind};
+    use crate::scene::style::{Corner, CutColour, StyleKind};
     let text = "[leaf.a]\nfile = 'a.ply'\n[style]\nkind = 'sketchy'\nopacity = 0.3\nline_width = 2\ncrease = 40\njump = 5\n\
                 hidden = [4, 3]\nink = '#000000'\ncut_color = 'leaf'\nmax_layers = 3\nfade = 0.1\nocclusion = 0.2\n\
                 sketch = { edge = [[1, 2], [3, 4]], wavelength = 50, seed = 9 }";
@@ -248,7 +248,12 @@ fn a_style_is_read_with_all_that_it_names() {
     assert_eq!((lines.width_px, lines.crease_degrees, lines.jump_px), (2.0, 40.0, 5.0));
     assert_eq!((lines.hidden_dash_px, lines.ink), (Some([4.0, 3.0]), Some([0.0; 3])));
     assert_eq!((style.sketch.edge_px, style.sketch.seed), ([[1.0, 2.0], [3.0, 4.0]], 9));
-    assert_eq!(style.sketch.wavelength_px, 50.0);
+    assert_eq!((style.sketch.wavelength_px, style.legend), (50.0, None));
+    for (line, legend) in [("true", Some(Corner::BottomLeft)), ("false", None), ("'top-right'", Some(Corner::TopRight))]
+    {
+        let text = format!("[leaf.a]\nfile = 'a.ply'\n[style]\nlegend = {line}");
+        assert_eq!(parse(&text, Path::new("")).unwrap().style.legend, legend);
+    }
 }
 
 #[test]
@@ -263,6 +268,8 @@ fn mistakes_in_a_style_are_named() {
         ("max_layers = 0", "whole number"),
         ("sketch = { edge = [[99, 0], [0, 1]] }", "at most 32"),
         ("sketch = { wavelength = 2 }", "break up"),
+        ("legend = 'middle'", "top-right"),
+        ("legend = 3", "true or false"),
         ("strokes = 2", "unknown key"),
     ];
     for (line, wanted) in cases {

@@ -1,0 +1,309 @@
+//! How surfaces are lit.
+//!
+//! *Practice.* A surface is lit by one directional light (Lambert) and by a hemisphere that is brighter above than below,
+//! so that faces turned from the light still differ; a faint highlight and a faint rim tell round from flat. Both sides of
+//! a surface are lit alike: the normal is turned to the viewer, because a result's back face is as much a surface as its
+//! front. Eight pixels are lit at once, by the same steps as one.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, f32x8};
+use glam::{DVec2, Vec3};
+
+use crate::layers::{Boundary, LayerTile, OpaqueTile, TILE_SIDE};
+use crate::scene::Light;
+use crate::space::{Camera, PixelRect, Projection};
+
+/// How the hemisphere's light spreads: from below comes this share of what comes from above.
+pub(crate) const GROUND_SHARE: f32 = 0.45;
+/// Strength of the highlight where the light is mirrored to the eye; faint, as of bone or plaster.
+pub(crate) const HIGHLIGHT: f32 = 0.10;
+/// Sharpness of the highlight (Blinn-Phong exponent): a spot of about 15° around the mirror direction.
+pub(crate) const HIGHLIGHT_EXPONENT: i32 = 32;
+/// Light added at grazing angles, as a share of the surface's colour.
+pub(crate) const RIM: f32 = 0.10;
+/// The rim reaches this far in from a silhouette: Schlick's exponent.
+pub(crate) const RIM_EXPONENT: i32 = 4;
+
+/// What the style needs beside the layers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// The light.
+    pub light: Light,
+    /// Linear RGB and straight alpha behind everything.
+    pub background: [f32; 4],
+}
+
+/// The rows of one tile's pixels in the picture.
+pub(super) type Rows<'a> = [&'a mut [[f32; 4]]];
+
+/// Pixels that are lit at once.
+pub(super) const LANES: usize = 8;
+
+/// Opaque pixels that wait to be lit together.
+#[derive(Debug, Default)]
+pub(super) struct Batch {
+    pub len: usize,
+    /// Where in the tile they are.
+    index: [usize; LANES],
+    /// Pixel centres, from the picture's middle.
+    at: [[f32; LANES]; 2],
+    normal: [[f32; LANES]; 3],
+    colour: [[f32; LANES]; 3],
+}
+
+impl Batch {
+    /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle.
+    #[inline(always)]
+    pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary) {
+        let lane = self.len;
+        self.len += 1;
+        self.index[lane] = index;
+        (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
+        let (normal, colour) = (boundary.normal.to_array(), boundary.colour);
+        for k in 0..3 {
+            self.normal[k][lane] = normal[k];
+            self.colour[k][lane] = colour[k];
+        }
+    }
+}
+
+/// A [`Look`] as one camera sees it.
+#[derive(Debug, Clone)]
+pub struct Shader<'a> {
+    level: Level,
+    camera: &'a Camera,
+    pub(crate) towards_light: Vec3,
+    pub(crate) ambient: f32,
+}
+
+impl<'a> Shader<'a> {
+    /// For pictures of `camera` under `light`.
+    pub fn new(light: &Light, camera: &'a Camera) -> Self {
+        let towards = if light.in_world { light.towards } else { camera.rotate_to_world(light.towards) };
+        // A light from nowhere comes from the eye.
+        let towards = towards.try_normalize().unwrap_or(-camera.forward);
+        Self { level: Level::new(), camera, towards_light: towards.as_vec3(), ambient: light.ambient }
+    }
+
+    /// The unit vector from the surface towards the eye at the centre of pixel (`x`, `y`), in world space.
+    pub fn towards_eye(&self, x: u32, y: u32) -> Vec3 {
+        let ray = self.camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        (-ray.dir).normalize().as_vec3()
+    }
+
+    /// The centre of a pixel, counted from the picture's middle.
+    #[inline(always)]
+    pub(super) fn centre_of(&self, x: u32, y: u32) -> [f32; 2] {
+        let along = |at: u32, side: u32| at as f32 + 0.5 - 0.5 * side as f32;
+        [along(x, self.camera.width), along(y, self.camera.height)]
+    }
+
+    /// Lights what `batch` holds, writes it to its places in `pixels`, and empties it. The same light as [`lit`](Self::lit).
+    pub(super) fn light(&self, batch: &mut Batch, pixels: &mut [[f32; 4]]) {
+        let lit = fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lit_batch(simd, batch)));
+        for (lane, &index) in batch.index[..batch.len].iter().enumerate() {
+            pixels[index] = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
+        }
+        batch.len = 0;
+    }
+
+    /// The lit colours of the boundaries of `tile`, in their order, each with its opacity. The same light as
+    /// [`lit`](Self::lit). Boundaries beyond the first `most` of a pixel are not lit.
+    pub fn lit_tile(&self, tile: &LayerTile, most: usize) -> Vec<[f32; 4]> {
+        let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
+        let mut batch = Batch::default();
+        for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
+            for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
+                let pixel = row * tile.rect.width() as usize + column;
+                let centre = self.centre_of(x, y);
+                let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
+                for index in from..to.min(from.saturating_add(most)) {
+                    batch.push(index, centre, &tile.boundaries[index]);
+                    if batch.len == LANES {
+                        self.light(&mut batch, &mut lit);
+                    }
+                }
+            }
+        }
+        self.light(&mut batch, &mut lit);
+        lit.iter_mut().zip(&tile.boundaries).for_each(|(lit, boundary)| lit[3] = boundary.opacity.clamp(0.0, 1.0));
+        lit
+    }
+
+    /// Lights the pixels of an opaque tile at `rect` into `rows`, those without a surface as `background`. The same light as
+    /// [`lit`](Self::lit). Returns how many show a surface.
+    pub(super) fn light_opaque(
+        &self,
+        tile: &OpaqueTile,
+        rect: PixelRect,
+        rows: &mut Rows,
+        background: [f32; 4],
+    ) -> u64 {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.light_opaque_lanes(simd, tile, rect, rows, background),
+        ))
+    }
+
+    #[inline(always)]
+    fn light_opaque_lanes<S: Simd>(
+        &self,
+        simd: S,
+        tile: &OpaqueTile,
+        rect: PixelRect,
+        rows: &mut Rows,
+        background: [f32; 4],
+    ) -> u64 {
+        const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let steps = f32x8::from_slice(simd, &STEPS);
+        let mut count = 0;
+        for (row, pixels) in rows.iter_mut().enumerate() {
+            let covered = tile.covered[row];
+            count += u64::from(covered.count_ones());
+            for (number, pixels) in pixels.chunks_mut(LANES).enumerate() {
+                let covered = covered >> (number * LANES) & u64::from(u8::MAX);
+                if covered == 0 {
+                    pixels.fill(background);
+                    continue;
+                }
+                let column = number * LANES;
+                let place = row * TILE_SIDE as usize + column;
+                let [x, y] = self.centre_of(rect.x0 + column as u32, rect.y0 + row as u32);
+                let load = |plane: &[f32]| f32x8::from_slice(simd, &plane[place..place + LANES]);
+                let lit = self.lit_lanes(
+                    simd,
+                    [steps + x, f32x8::splat(simd, y)],
+                    [load(&tile.normals[0][..]), load(&tile.normals[1][..]), load(&tile.normals[2][..])],
+                    [load(&tile.colours[0][..]), load(&tile.colours[1][..]), load(&tile.colours[2][..])],
+                );
+                if covered == u64::from(u8::MAX)
+                    && let Ok(pixels) = <&mut [[f32; 4]; LANES]>::try_from(&mut *pixels)
+                {
+                    for (lane, pixel) in pixels.iter_mut().enumerate() {
+                        *pixel = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
+                    }
+                    continue;
+                }
+                for (lane, pixel) in pixels.iter_mut().enumerate() {
+                    let is_covered = covered >> lane & 1 == 1;
+                    *pixel = if is_covered { [lit[0][lane], lit[1][lane], lit[2][lane], 1.0] } else { background };
+                }
+            }
+        }
+        count
+    }
+
+    #[inline(always)]
+    fn lit_batch<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
+        let load = |lanes: &[f32; LANES]| f32x8::from_slice(simd, lanes);
+        let [n_x, n_y, n_z] = &batch.normal;
+        let [r, g, b] = &batch.colour;
+        let at = [load(&batch.at[0]), load(&batch.at[1])];
+        self.lit_lanes(simd, at, [load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)])
+    }
+
+    /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours.
+    #[inline(always)]
+    fn lit_lanes<S: Simd>(
+        &self,
+        simd: S,
+        at: [f32x8<S>; 2],
+        [n_x, n_y, n_z]: [f32x8<S>; 3],
+        [r, g, b]: [f32x8<S>; 3],
+    ) -> [[f32; LANES]; 3] {
+        let (forward, right, down) =
+            (self.camera.forward.as_vec3(), self.camera.right.as_vec3(), self.camera.down.as_vec3());
+        // Towards the eye.
+        let (mut e_x, mut e_y, mut e_z) =
+            (f32x8::splat(simd, -forward.x), f32x8::splat(simd, -forward.y), f32x8::splat(simd, -forward.z));
+        if let Projection::Perspective { focal_px } = self.camera.projection {
+            let per_focal = (1.0 / focal_px) as f32;
+            let (x, y) = (at[0] * per_focal, at[1] * per_focal);
+            e_x -= x * right.x + y * down.x;
+            e_y -= x * right.y + y * down.y;
+            e_z -= x * right.z + y * down.z;
+            let per_length = f32x8::splat(simd, 1.0) / (e_x * e_x + e_y * e_y + e_z * e_z).sqrt();
+            (e_x, e_y, e_z) = (e_x * per_length, e_y * per_length, e_z * per_length);
+        }
+        let facing_eye = n_x * e_x + n_y * e_y + n_z * e_z;
+        // Both sides are lit alike: products with the normal change sign where it looks away.
+        let one = f32x8::splat(simd, 1.0);
+        let side = facing_eye.simd_lt(0.0).select(-one, one);
+        let facing_eye = facing_eye.abs().min(1.0);
+        let light = self.towards_light;
+        let facing_light = (side * (n_x * light.x + n_y * light.y + n_z * light.z)).max(0.0);
+        let up = -down;
+        let from_above = side * (n_x * up.x + n_y * up.y + n_z * up.z) * 0.5 + 0.5;
+        let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * self.ambient;
+        let rim = power::<RIM_EXPONENT, S>(one - facing_eye) * RIM;
+        let diffuse = hemisphere + facing_light * (1.0 - self.ambient) + rim;
+        let (b_x, b_y, b_z) = (e_x + light.x, e_y + light.y, e_z + light.z);
+        let squared = b_x * b_x + b_y * b_y + b_z * b_z;
+        // Straight from behind there is no direction between; nothing shines there.
+        let per_length = squared.simd_gt(f32::MIN_POSITIVE).select(one / squared.sqrt(), one);
+        let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
+        let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT;
+        let highlight = facing_light.simd_gt(0.0).select(shine, f32x8::splat(simd, 0.0));
+        [(r * diffuse + highlight).into(), (g * diffuse + highlight).into(), (b * diffuse + highlight).into()]
+    }
+
+    /// Linear RGB of the lit surface at `boundary`, seen from `towards_eye` (world space, unit length).
+    pub fn lit(&self, boundary: &Boundary, towards_eye: Vec3) -> [f32; 3] {
+        let facing_eye = boundary.normal.dot(towards_eye);
+        let normal = if facing_eye < 0.0 { -boundary.normal } else { boundary.normal };
+        let facing_eye = facing_eye.abs().min(1.0);
+        let facing_light = normal.dot(self.towards_light).max(0.0);
+        let up = -self.camera.down.as_vec3();
+        let from_above = 0.5 + 0.5 * normal.dot(up);
+        let hemisphere = self.ambient * (GROUND_SHARE + (1.0 - GROUND_SHARE) * from_above);
+        let diffuse = hemisphere + (1.0 - self.ambient) * facing_light + RIM * (1.0 - facing_eye).powi(RIM_EXPONENT);
+        let between = (self.towards_light + towards_eye).normalize_or_zero();
+        let highlight =
+            if facing_light > 0.0 { HIGHLIGHT * normal.dot(between).max(0.0).powi(HIGHLIGHT_EXPONENT) } else { 0.0 };
+        boundary.colour.map(|c| c * diffuse + highlight)
+    }
+}
+
+/// `base` to a power of two, by squaring.
+#[inline(always)]
+fn power<const EXPONENT: i32, S: Simd>(base: f32x8<S>) -> f32x8<S> {
+    const { assert!(EXPONENT > 0 && EXPONENT & (EXPONENT - 1) == 0) };
+    let mut power = base;
+    for _ in 0..EXPONENT.trailing_zeros() {
+        power = power * power;
+    }
+    power
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::layers::Facing;
+    use crate::space::Lens;
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, Lens::Height(2.0), width, height).unwrap()
+    }
+
+    fn boundary(depth: f32, colour: [f32; 3], opacity: f32, samples: u16) -> Boundary {
+        let normal = Vec3::NEG_Y;
+        Boundary { depth, normal, colour, opacity, leaf: 0, body: 0, facing: Facing::Front, samples }
+    }
+
+    #[test]
+    fn both_sides_of_a_surface_are_lit_alike_and_the_lit_side_is_brighter() {
+        let camera = camera(8, 8);
+        let light = Light { towards: DVec3::new(-1.0, -1.0, 1.0), in_world: true, ambient: 0.2 };
+        let shader = Shader::new(&light, &camera);
+        let eye = shader.towards_eye(4, 4);
+        let lit = |normal: Vec3| shader.lit(&Boundary { normal, ..boundary(1.0, [0.5; 3], 1.0, 1) }, eye)[0];
+        assert_eq!(lit(Vec3::NEG_Y), lit(Vec3::Y));
+        let tilted = |x: f32| lit(Vec3::new(x, -1.0, 0.0).normalize());
+        assert!(tilted(-0.5) > tilted(0.5));
+        // Away from the light, up is still brighter than down.
+        let away = |z: f32| lit(Vec3::new(0.99, -0.1, z).normalize());
+        assert!(away(0.1) > away(-0.1));
+    }
+}
