@@ -15,12 +15,12 @@ const LEAST_BYTES: u64 = 16;
 const GROUPS_ACROSS: u32 = 1 << 15;
 
 impl Gpu {
-    /// A storage buffer of zeros for `count` of `T`, which kernels, copies and draws can use.
+    /// A storage buffer of zeros for `count` of `T`, one at least, which kernels, copies and draws can use.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where one binding cannot hold it.
     pub fn storage<T>(&self, label: &str, count: usize) -> Result<wgpu::Buffer, GpuError> {
-        let size = self.fitting(label, count as u64 * std::mem::size_of::<T>() as u64)?;
+        let size = self.fitting(label, count.max(1) as u64 * std::mem::size_of::<T>() as u64)?;
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
@@ -35,7 +35,7 @@ impl Gpu {
     /// [`GpuError::TooLarge`] where one binding cannot hold it.
     pub fn upload<T: bytemuck::Pod>(&self, label: &str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
         let bytes: &[u8] = bytemuck::cast_slice(data);
-        if (bytes.len() as u64) < LEAST_BYTES {
+        if (bytes.len() as u64) < LEAST_BYTES.max(std::mem::size_of::<T>() as u64) {
             let buffer = self.storage::<T>(label, data.len())?;
             self.write(&buffer, data);
             return Ok(buffer);

@@ -1,17 +1,22 @@
 //! The mesh pipeline on the GPU against that on the CPU, layer by layer.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use surfcut::blister::{MeshFrame, MeshModel};
+use glam::{DAffine3, DVec3};
+
+use surfcut::blister::{MeshFrame, MeshLeaf, MeshModel, MeshShape};
+use surfcut::csg::{LeafId, TreeBuilder};
 use surfcut::formats::NoProgress;
+use surfcut::geometry::Solid;
 use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 use surfcut::gpu::layers::{GpuLayerSource, in_parts};
 use surfcut::gpu::{Gpu, GpuError};
-use surfcut::layers::{LayerLimit, LayerStack, LayerTile};
+use surfcut::layers::{Facing, LayerLimit, LayerStack, LayerTile};
 use surfcut::pipeline::{Density, mesh_model};
 use surfcut::scene::represent::Representation;
-use surfcut::scene::{LeafGeometry, LoadedScene, Scene, load, toml_file};
-use surfcut::space::{Camera, PixelRect};
+use surfcut::scene::{LeafGeometry, LeafKind, LoadedScene, Scene, load, toml_file};
+use surfcut::space::{Camera, Lens, PixelRect};
 
 use crate::Test;
 
@@ -20,6 +25,11 @@ pub const TESTS: &[Test] = &[
     ("solids_have_the_layers_of_the_cpu", solids_have_the_layers_of_the_cpu),
     ("several_samples_have_the_layers_of_the_cpu", several_samples_have_the_layers_of_the_cpu),
     ("a_list_that_is_too_short_grows", a_list_that_is_too_short_grows),
+    ("two_hundred_layers_at_a_pixel_are_all_there", two_hundred_layers_at_a_pixel_are_all_there),
+    ("no_fragment_of_twenty_million_is_lost", no_fragment_of_twenty_million_is_lost),
+    ("a_result_without_a_surface_is_empty", a_result_without_a_surface_is_empty),
+    ("an_eye_inside_a_solid_sees_it_from_within", an_eye_inside_a_solid_sees_it_from_within),
+    ("a_comparison_of_different_scenes_fails", a_comparison_of_different_scenes_fails),
 ];
 
 fn loaded(name: &str, size: (u32, u32)) -> LoadedScene {
@@ -121,4 +131,114 @@ fn a_list_that_is_too_short_grows(gpu: &'static Gpu) {
         let (wrong, all) = differing(&cpu, &drawn(gpu, &short));
         assert!(wrong * 1000 <= all, "{}: {wrong} of {all}", classifier.name());
     }
+}
+
+/// Plates one behind the other, seen from the front; the picture lies within all of them.
+fn plates(count: u32, side: u32) -> (MeshModel, Camera) {
+    let plate = |number: u32| {
+        let z = -f64::from(number);
+        let solid = Solid::Box { min: DVec3::new(-9.0, -9.0, z - 0.5), max: DVec3::new(9.0, 9.0, z) };
+        leaf(number, solid)
+    };
+    let leaves: Vec<MeshLeaf> = (0..count).map(plate).collect();
+    let mut union = TreeBuilder::default();
+    for number in 0..count {
+        union.leaf(LeafId(number));
+        if number > 0 {
+            union.or();
+        }
+    }
+    (MeshModel::new(&leaves, &union.finish().unwrap()).unwrap(), down(side))
+}
+
+/// Straight down, without perspective.
+fn down(side: u32) -> Camera {
+    Camera::look_at(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, DVec3::Y, Lens::Height(4.0), side, side).unwrap()
+}
+
+fn leaf(number: u32, solid: Solid) -> MeshLeaf {
+    MeshLeaf {
+        leaf: LeafId(number),
+        shape: MeshShape::Mesh(Arc::new(solid.tessellate(0.01).unwrap())),
+        world_from_leaf: DAffine3::IDENTITY,
+        colour: [0.5; 3],
+        vertex_colours: false,
+        opacity: 1.0,
+        kind: LeafKind::Solid,
+    }
+}
+
+/// Every pixel of every tile sees the front and the back of every plate, in their order.
+fn assert_all_plates(tiles: &[LayerTile], count: u32, side: u32) {
+    let pixels: usize = tiles.iter().map(|tile| tile.rect.area()).sum();
+    assert_eq!(pixels, (side * side) as usize);
+    for tile in tiles {
+        for (x, y) in (tile.rect.y0..tile.rect.y1).flat_map(|y| (tile.rect.x0..tile.rect.x1).map(move |x| (x, y))) {
+            let found = tile.at(x, y);
+            assert_eq!(found.len(), 2 * count as usize, "at ({x}, {y})");
+            for (i, boundary) in found.iter().enumerate() {
+                let facing = if i % 2 == 0 { Facing::Front } else { Facing::Back };
+                assert_eq!((boundary.leaf, boundary.facing), (i as u32 / 2, facing), "at ({x}, {y})");
+            }
+        }
+    }
+}
+
+fn two_hundred_layers_at_a_pixel_are_all_there(gpu: &'static Gpu) {
+    let (model, camera) = plates(100, 8);
+    for classifier in Classifier::ALL {
+        let frame = MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
+        let frame = GpuMeshFrame::new(gpu, frame, classifier).unwrap().with_first_length(1);
+        assert_all_plates(&drawn(gpu, &frame), 100, 8);
+    }
+}
+
+fn no_fragment_of_twenty_million_is_lost(gpu: &'static Gpu) {
+    // Twenty million fragments, more than one buffer holds.
+    let (model, camera) = plates(50, 448);
+    let frame = MeshFrame::new(&model, camera, LayerLimit::All, 1);
+    let frame = GpuMeshFrame::new(gpu, frame, Classifier::List).unwrap().with_first_length(1000);
+    let tiles = drawn(gpu, &frame);
+    assert!(tiles.len() > 1);
+    assert_all_plates(&tiles, 50, 448);
+}
+
+fn a_result_without_a_surface_is_empty(gpu: &'static Gpu) {
+    let block = Solid::Box { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
+    let mut nothing = TreeBuilder::default();
+    nothing.leaf(LeafId(0)).leaf(LeafId(1)).minus();
+    // The same block twice: coincident faces toggle together.
+    let leaves = [leaf(0, block.clone()), leaf(1, block)];
+    let model = MeshModel::new(&leaves, &nothing.finish().unwrap()).unwrap();
+    for classifier in Classifier::ALL {
+        let frame = MeshFrame::new(&model, down(32), LayerLimit::All, 1);
+        let tiles = drawn(gpu, &GpuMeshFrame::new(gpu, frame, classifier).unwrap());
+        assert!(tiles.iter().all(|tile| tile.boundaries.is_empty()), "{}", classifier.name());
+    }
+}
+
+fn an_eye_inside_a_solid_sees_it_from_within(gpu: &'static Gpu) {
+    // A room with a pillar, and the eye within the room's wall's reach.
+    let room = Solid::Box { min: DVec3::splat(-4.0), max: DVec3::splat(4.0) };
+    let pillar = Solid::Box { min: DVec3::new(-0.5, 1.0, -9.0), max: DVec3::new(0.5, 2.0, 9.0) };
+    let mut tree = TreeBuilder::default();
+    tree.leaf(LeafId(0)).leaf(LeafId(1)).minus();
+    let model = MeshModel::new(&[leaf(0, room), leaf(1, pillar)], &tree.finish().unwrap()).unwrap();
+    let eye = DVec3::new(0.3, -3.0, 0.2);
+    let camera = Camera::look_at(eye, DVec3::new(0.0, 1.0, 0.0), DVec3::Z, Lens::FovY(80.0), 96, 80).unwrap();
+    let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
+    let cpu = LayerStack::collect(&frame());
+    for classifier in Classifier::ALL {
+        let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(gpu, frame(), classifier).unwrap()));
+        assert!(all == 96 * 80 && wrong * 1000 <= all, "{}: {wrong} of {all}", classifier.name());
+    }
+}
+
+fn a_comparison_of_different_scenes_fails(gpu: &'static Gpu) {
+    let (model, camera) = model(&as_meshes(loaded("widget", (100, 100))));
+    let cpu = LayerStack::collect(&MeshFrame::new(&model, camera, LayerLimit::All, 1));
+    let (other, camera) = self::model(&as_meshes(loaded("bearing", (100, 100))));
+    let frame = MeshFrame::new(&other, camera, LayerLimit::All, 1);
+    let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(gpu, frame, Classifier::List).unwrap()));
+    assert!(wrong * 2 > all, "only {wrong} of {all} pixels differ between a widget and a bearing");
 }

@@ -60,6 +60,8 @@ pub(crate) struct DrawnSlot {
     pub opacity: f32,
     /// Neither in nor out.
     pub is_sheet: bool,
+    /// Whether it is certain that no ray begins inside.
+    pub begins_outside: bool,
     /// For a half-space: at the sample of pixel (x, y) rays begin inside where `a·x + b·y + c ≤ 0`. Its fragments do not tell.
     pub begins_inside: Option<[f64; 3]>,
 }
@@ -125,6 +127,7 @@ impl MeshFrame<'_> {
                 colour: look.colour,
                 opacity: look.opacity,
                 is_sheet: look.is_sheet,
+                begins_outside: self.begins_outside[leaf.0 as usize],
                 begins_inside,
             }
         };

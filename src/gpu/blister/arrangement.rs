@@ -336,7 +336,10 @@ impl Uploaded {
         corners.extend_from_slice(&fragments);
         let steps: Vec<Step> = expression.steps().iter().map(step).collect();
         let endless = slots.iter().filter(|slot| slot.begins_inside.is_some()).count();
-        let bounds = expression.superset(|slot| extents[slot as usize].area());
+        // In front of the first layer of a leaf that holds the eye there is still the leaf.
+        let bounds = expression
+            .superset(|slot| extents[slot as usize].area())
+            .filter(|leaves| leaves.iter().all(|slot| slots[*slot as usize].begins_outside));
         let mut looks: Vec<Slot> = slots.iter().map(slot).collect();
         for &slot in bounds.iter().flatten() {
             looks[slot as usize].flags |= flags::SLOT_IN_SUPERSET;
