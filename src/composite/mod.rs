@@ -5,21 +5,21 @@
 //! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines; [`maps`] shows what
 //! they are made of. `occlusion` darkens the hollows of a shaded scan.
 
-mod edges;
-mod facets;
-mod layered;
+pub(crate) mod edges;
+pub(crate) mod facets;
+pub(crate) mod layered;
 pub mod maps;
 pub mod merge;
 mod noise;
-mod occlusion;
+pub(crate) mod occlusion;
 pub mod picture;
 pub mod recolour;
 pub mod section;
 pub mod shaded;
-mod sketchy;
-mod strip;
-mod strokes;
-mod styled;
+pub(crate) mod sketchy;
+pub(crate) mod strip;
+pub(crate) mod strokes;
+pub(crate) mod styled;
 #[cfg(test)]
 mod tests;
 

@@ -20,15 +20,15 @@ use crate::scene::Light;
 use crate::space::{Camera, PixelRect, Projection};
 
 /// How the hemisphere's light spreads: from below comes this share of what comes from above.
-const GROUND_SHARE: f32 = 0.45;
+pub(crate) const GROUND_SHARE: f32 = 0.45;
 /// Strength of the highlight where the light is mirrored to the eye; faint, as of bone or plaster.
-const HIGHLIGHT: f32 = 0.10;
+pub(crate) const HIGHLIGHT: f32 = 0.10;
 /// Sharpness of the highlight (Blinn-Phong exponent): a spot of about 15° around the mirror direction.
-const HIGHLIGHT_EXPONENT: i32 = 32;
+pub(crate) const HIGHLIGHT_EXPONENT: i32 = 32;
 /// Light added at grazing angles, as a share of the surface's colour.
-const RIM: f32 = 0.10;
+pub(crate) const RIM: f32 = 0.10;
 /// The rim reaches this far in from a silhouette: Schlick's exponent.
-const RIM_EXPONENT: i32 = 4;
+pub(crate) const RIM_EXPONENT: i32 = 4;
 
 /// What the style needs beside the layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,8 +74,8 @@ impl Batch {
 pub struct Shader<'a> {
     level: Level,
     camera: &'a Camera,
-    towards_light: Vec3,
-    ambient: f32,
+    pub(crate) towards_light: Vec3,
+    pub(crate) ambient: f32,
 }
 
 impl<'a> Shader<'a> {
