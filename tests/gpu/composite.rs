@@ -116,7 +116,6 @@ fn assert_same_look(gpu: &Gpu, layers: &Layers, look: &Look, style: &Style, leav
     );
     assert_eq!(got.depth.is_some(), wanted.depth.is_some(), "{name}");
     let found = difference(&got, &wanted);
-    eprintln!("{name}: {found:?}");
     let most = (MOST_DIFFERENT * wanted.pixels.len() as f64) as usize;
     assert!(found.pixels <= most && found.depths <= most, "{name}: {found:?}");
 }
