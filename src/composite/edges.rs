@@ -70,13 +70,19 @@ pub(super) struct EdgePoints {
 }
 
 /// Of the steps that two tangent planes foresee, so much may be amiss: what a curved surface does between two pixels.
-const CURVED_SHARE: f32 = 0.5;
+pub(crate) const CURVED_SHARE: f32 = 0.5;
 /// A crease is at full strength from so many times the threshold on, so that lines fade in and do not flicker.
-const FULL_CREASE: f32 = 1.3;
+pub(crate) const FULL_CREASE: f32 = 1.3;
 /// Below this share of the threshold, a single pair of pixels is no part of a rounded crease either.
-const SUSPICIOUS_SHARE: f32 = 0.2;
+pub(crate) const SUSPICIOUS_SHARE: f32 = 0.2;
 /// A rounded crease turns by so much more between its middle pixels than between those beside them.
-const PEAK: f32 = 1.1;
+pub(crate) const PEAK: f32 = 1.1;
+/// Normals of front and back at a silhouette: nearly the same on a smooth body…
+pub(crate) const SMOOTH_COS: f32 = 0.7;
+/// …apart at a sharp edge.
+pub(crate) const SHARP_COS: f32 = 0.2;
+/// A line found so far outside of its pair of pixels, as a share of the way between them, is that of other planes.
+pub(crate) const SLACK: f32 = 0.35;
 
 /// Finds edges by one set of thresholds.
 pub(super) struct Detector<'a> {
@@ -355,9 +361,6 @@ impl<'a> Detector<'a> {
     ) -> EdgePoint {
         let (mut t, mut across) = (0.5, Vec2::ZERO);
         if let Some(mate) = mate {
-            /// Normals of front and back at a silhouette: nearly the same on a smooth body, apart at a sharp edge.
-            const SHARP_COS: f32 = 0.2;
-            const SMOOTH_COS: f32 = 0.7;
             let smooth = ((facet.normal.dot(mate.normal) - SHARP_COS) / (SMOOTH_COS - SHARP_COS)).clamp(0.0, 1.0);
             let thinning = Vec2::from(mate.step) - Vec2::from(facet.step);
             let along = if ends_in_q { thinning[place.axis] } else { -thinning[place.axis] };
@@ -404,8 +407,6 @@ impl Place {
 /// The share of the way at which a line crosses, and its unit normal, as two planes have it; half way and no normal where
 /// they cannot be right.
 fn trusted(t: f32, across: Vec2) -> (f32, Vec2) {
-    /// A line found so far outside of its pair of pixels is that of other planes.
-    const SLACK: f32 = 0.35;
     match across.try_normalize() {
         Some(across) if t > -SLACK && t < 1.0 + SLACK => (t.clamp(0.0, 1.0), across),
         _ => (0.5, Vec2::ZERO),

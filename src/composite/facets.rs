@@ -8,7 +8,7 @@ use crate::space::{Camera, PixelRect, Projection};
 
 /// A surface seen at a grazing angle steps by at most so many footprints a pixel: its true slope has no limit, and what it
 /// predicts beyond this is worth nothing.
-const STEEPEST: f32 = 50.0;
+pub(crate) const STEEPEST: f32 = 50.0;
 
 /// A boundary at one pixel.
 #[derive(Debug, Clone, Copy)]
@@ -178,7 +178,7 @@ impl FacetStrip {
 }
 
 /// The sample nearest to a pixel's middle: lines are found in what it sees.
-pub(super) fn central_sample(samples: u32) -> u32 {
+pub(crate) fn central_sample(samples: u32) -> u32 {
     let from_middle = |i: &u32| (sample_offsets(samples)[*i as usize] - 0.5).length_squared();
     (0..samples.max(1)).min_by(|a, b| from_middle(a).total_cmp(&from_middle(b))).unwrap_or(0)
 }

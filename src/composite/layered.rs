@@ -32,7 +32,7 @@ use crate::scene::style::{Style, StyleKind};
 use rayon::prelude::*;
 
 /// Ink that covers less of a pixel than this gives it no depth.
-const INK_HAS_DEPTH: f32 = 0.5;
+pub(crate) const INK_HAS_DEPTH: f32 = 0.5;
 
 /// The pixels of a tile, row by row.
 pub(super) struct Composed {
@@ -108,11 +108,11 @@ pub(super) fn from_strips<P: Sync>(
 }
 
 /// The ink of each layer.
-pub(super) struct Inks {
-    colour: [f32; 3],
-    kept: f32,
+pub(crate) struct Inks {
+    pub(crate) colour: [f32; 3],
+    pub(crate) kept: f32,
     /// Whether surfaces have the ink's colour.
-    tints: bool,
+    pub(crate) tints: bool,
     /// Layers drawn at most.
     pub most: usize,
 }

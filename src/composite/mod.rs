@@ -6,25 +6,25 @@
 //! they are made of. `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
 //! `shown` saw, in letters of `lettering`.
 
-mod edges;
-mod facets;
-mod layered;
+pub(crate) mod edges;
+pub(crate) mod facets;
+pub(crate) mod layered;
 pub mod legend;
 mod lettering;
 pub mod lighting;
 pub mod maps;
 pub mod merge;
 mod noise;
-mod occlusion;
+pub(crate) mod occlusion;
 pub mod picture;
 pub mod recolour;
 pub mod section;
 pub mod shaded;
 mod shown;
-mod sketchy;
-mod strip;
-mod strokes;
-mod styled;
+pub(crate) mod sketchy;
+pub(crate) mod strip;
+pub(crate) mod strokes;
+pub(crate) mod styled;
 #[cfg(test)]
 mod tests;
 

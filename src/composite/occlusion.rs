@@ -24,19 +24,19 @@ use crate::layers::TILE_SIDE;
 use crate::space::Camera;
 
 /// Directions in which neighbours are asked.
-const DIRECTIONS: usize = 8;
+pub(crate) const DIRECTIONS: usize = 8;
 /// How far, as shares of the reach.
-const RINGS: [f32; 4] = [0.06, 0.2, 0.5, 1.0];
+pub(crate) const RINGS: [f32; 4] = [0.06, 0.2, 0.5, 1.0];
 /// The reach as a share of the picture's shorter side…
 const REACH_SHARE: f32 = 0.1;
 /// …in pixels at least and at most: tiles beside a tile are all that it can look into.
 const REACH_PX: [f32; 2] = [6.0, 56.0];
 /// What stands higher than this over the tangent plane, in units of its distance, is another body…
-const ANOTHER_BODY: f32 = 3.0;
+pub(crate) const ANOTHER_BODY: f32 = 3.0;
 /// …and what stands higher than this begins to be.
-const MAYBE_ANOTHER_BODY: f32 = 2.2;
+pub(crate) const MAYBE_ANOTHER_BODY: f32 = 2.2;
 /// A neighbour lower than this over the plane is noise or the surface's own bend.
-const LEAST_HEIGHT: f32 = 0.03;
+pub(crate) const LEAST_HEIGHT: f32 = 0.03;
 
 const _: () = assert!(REACH_PX[1] < TILE_SIDE as f32);
 
@@ -154,15 +154,15 @@ impl Default for Row {
 }
 
 /// A pixel that is asked.
-struct Neighbour {
+pub(crate) struct Neighbour {
     /// In pixels from the one that asks.
-    at: Vec2,
-    per_distance: f32,
+    pub(crate) at: Vec2,
+    pub(crate) per_distance: f32,
     /// In [`Depths`].
     offset: isize,
 }
 
-fn neighbours(camera: &Camera) -> Vec<[Neighbour; RINGS.len()]> {
+pub(crate) fn neighbours(camera: &Camera) -> Vec<[Neighbour; RINGS.len()]> {
     let reach = (REACH_SHARE * camera.width.min(camera.height) as f32).clamp(REACH_PX[0], REACH_PX[1]);
     let of_direction = |direction: usize| {
         // Half a step off the axes, along which pixels of a border lie in a row.

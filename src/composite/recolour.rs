@@ -8,11 +8,11 @@ use crate::space::{Camera, PixelRect};
 /// A source with a style's opacity and colours, and its first layers alone.
 pub struct Recoloured<'a> {
     source: &'a dyn LayerSource,
-    opacity: f32,
-    cut: CutColour,
+    pub(crate) opacity: f32,
+    pub(crate) cut: CutColour,
     /// By leaf, linear RGB.
     leaf_colours: &'a [[f32; 3]],
-    max_layers: Option<u32>,
+    pub(crate) max_layers: Option<u32>,
 }
 
 impl<'a> Recoloured<'a> {

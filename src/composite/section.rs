@@ -23,10 +23,10 @@ use crate::space::{Camera, Motion, PixelRect};
 pub const SPACING_SHARE: f64 = 1.0 / 64.0;
 
 /// Lines are at most this share of their distance wide.
-const WIDEST_SHARE: f64 = 1.0 / 3.0;
+pub(crate) const WIDEST_SHARE: f64 = 1.0 / 3.0;
 
 /// Distances of the lines of leaves that share a direction, as multiples of the section's.
-const SPACINGS: [f64; 3] = [1.0, 1.5, 0.7];
+pub(crate) const SPACINGS: [f64; 3] = [1.0, 1.5, 0.7];
 
 /// One cutting plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,15 +44,15 @@ pub struct SectionPlane {
 /// How caps are hatched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hatching {
-    sections: Vec<SectionPlane>,
+    pub(crate) sections: Vec<SectionPlane>,
     /// By leaf that may be cut: its rank among those, which chooses direction and distance.
-    ranks: Vec<usize>,
+    pub(crate) ranks: Vec<usize>,
     /// Width of lines, pixels.
-    line_px: f64,
+    pub(crate) line_px: f64,
     /// Linear RGB.
-    ink: [f32; 3],
+    pub(crate) ink: [f32; 3],
     /// Of leaves, by index, linear RGB: a cap shows the colour of what was cut.
-    colours: Vec<[f32; 3]>,
+    pub(crate) colours: Vec<[f32; 3]>,
 }
 
 /// How lines run on one cap of one leaf.
@@ -66,10 +66,10 @@ pub(super) struct CapLines {
 
 /// The stripes on one cap of one leaf.
 #[derive(Debug, Clone, Copy)]
-struct Stripes {
+pub(crate) struct Stripes {
     /// Unit vector across the lines, in the plane, world space.
-    across: DVec3,
-    spacing: f64,
+    pub(crate) across: DVec3,
+    pub(crate) spacing: f64,
 }
 
 impl Hatching {
@@ -170,7 +170,7 @@ impl Hatching {
         self.sections.iter().find(|section| section.leaf == leaf)
     }
 
-    fn stripes(&self, section: &SectionPlane, body: u32) -> Stripes {
+    pub(crate) fn stripes(&self, section: &SectionPlane, body: u32) -> Stripes {
         let rank = self.ranks.get(body as usize).copied().unwrap_or(body as usize);
         let u = DVec3::Z.cross(section.normal).try_normalize().unwrap_or(DVec3::X);
         let v = section.normal.cross(u);

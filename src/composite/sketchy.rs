@@ -24,7 +24,7 @@ use crate::scene::style::{SketchSettings, Style};
 use crate::space::PixelRect;
 
 /// Pixels between the places where the noise is computed.
-const NOISE_GRID_PX: u32 = 8;
+pub(crate) const NOISE_GRID_PX: u32 = 8;
 /// The second value of the noise is the same noise this far away, in wavelengths.
 const SECOND_VALUE: Vec2 = Vec2::new(57.3, 131.7);
 
@@ -81,7 +81,7 @@ pub(super) fn sketchy(
 
 /// How far each pixel's lookups are off.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hand {
+pub(crate) struct Hand {
     noise: Perlin,
     settings: SketchSettings,
 }

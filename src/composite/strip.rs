@@ -14,14 +14,14 @@ use crate::scene::style::{LineSettings, SketchSettings, Style, WIDEST_LINE_PX};
 use crate::space::{Camera, PixelRect};
 
 /// Pixels of a strip, the rows around it not counted.
-const STRIP_PIXELS: usize = 1 << 20;
+pub(crate) const STRIP_PIXELS: usize = 1 << 20;
 
 // Whatever a pixel looks at lies in its tile or in one beside it.
 const _: () = assert!(SketchSettings::MOST_OFFSET_PX * std::f32::consts::SQRT_2 + WIDEST_LINE_PX < TILE_SIDE as f32);
 
 /// Some rows of tiles, drawn, with the strokes of their lines.
 #[derive(Debug)]
-pub(super) struct Strip {
+pub(crate) struct Strip {
     /// Tiles side by side.
     pub across: usize,
     /// The tiles that are this strip's own, by index; the others are around them.

@@ -21,27 +21,27 @@ use crate::scene::style::LineSettings;
 use crate::space::PixelRect;
 
 /// Points this many pixels away, by column and by row, take part in smoothing.
-const NEAR_PX: u32 = 3;
+pub(crate) const NEAR_PX: u32 = 3;
 /// The weight of a neighbour falls with its distance and ends here: (1 − d²/r²)², which is near a Gaussian of 1.5 pixels.
-const WEIGHT_ENDS_PX: f32 = 4.0;
+pub(crate) const WEIGHT_ENDS_PX: f32 = 4.0;
 /// Neighbours of lines that run another way do not take part: cosine between the two.
-const SAME_WAY: f32 = 0.85;
+pub(crate) const SAME_WAY: f32 = 0.85;
 /// Nor those of a line beside it: points of one line, found between one pair of pixels or the next, are no further off it.
-const SAME_LINE_PX: f32 = 1.25;
+pub(crate) const SAME_LINE_PX: f32 = 1.25;
 /// A point with fewer neighbours than this is a speck.
-const FEWEST_NEIGHBOURS: usize = 3;
+pub(crate) const FEWEST_NEIGHBOURS: usize = 3;
 /// A stroke is whole for this long to either side, in pixels, and then fades: points lie at most a pixel apart.
-const WHOLE_PX: f32 = 0.5;
+pub(crate) const WHOLE_PX: f32 = 0.5;
 /// …until here.
-const FADED_PX: f32 = 0.9;
+pub(crate) const FADED_PX: f32 = 0.9;
 /// Directions that dashes tell apart: level, upright, and the two between.
-const DASH_DIRECTIONS: f32 = 4.0;
+pub(crate) const DASH_DIRECTIONS: f32 = 4.0;
 /// How much wider heavy lines are.
-const HEAVY: f32 = 2.0;
+pub(crate) const HEAVY: f32 = 2.0;
 
 /// A piece of a line.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stroke {
+pub(crate) struct Stroke {
     /// Its middle, in pixels.
     pub at: Vec2,
     /// Unit vector along it.
@@ -185,7 +185,7 @@ pub(super) fn reach_px(settings: &LineSettings) -> f32 {
 
 /// The lines of one layer over one tile.
 #[derive(Debug, Clone)]
-pub(super) struct LineMap {
+pub(crate) struct LineMap {
     /// By pixel: 0 to 1.
     pub ink: Vec<f32>,
     /// By pixel: depth of the nearest line; +∞ where there is none.
@@ -194,7 +194,7 @@ pub(super) struct LineMap {
 
 /// The lines of one tile, by layer.
 #[derive(Debug, Default)]
-pub(super) struct LineMaps {
+pub(crate) struct LineMaps {
     layers: Vec<Option<LineMap>>,
 }
 

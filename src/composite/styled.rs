@@ -86,7 +86,7 @@ fn composed(
 }
 
 /// Whether surfaces are drawn with neither lines nor shade: sections are outlined in every style.
-fn is_plain(style: &Style, leaves: Leaves) -> bool {
+pub(crate) fn is_plain(style: &Style, leaves: Leaves) -> bool {
     !style.kind.has_lines() && style.hollow_shade().is_none() && !leaves.heavy.contains(&true)
 }
 

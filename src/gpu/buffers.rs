@@ -189,6 +189,11 @@ pub struct Commands<'g> {
 }
 
 impl<'g> Commands<'g> {
+    /// The device that they are for.
+    pub fn gpu(&self) -> &'g Gpu {
+        self.gpu
+    }
+
     /// Runs `kernel` with `threads` threads, at least; a kernel passes by numbers that are none of its own.
     pub fn dispatch(&mut self, kernel: &wgpu::ComputePipeline, group: &wgpu::BindGroup, threads: usize) {
         self.dispatch_groups(kernel, group, threads.div_ceil(WORKGROUP as usize));

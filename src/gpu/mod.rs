@@ -10,6 +10,7 @@
 
 pub mod blister;
 pub mod buffers;
+pub mod composite;
 pub mod device;
 pub mod layers;
 pub mod layout;

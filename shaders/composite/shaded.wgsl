@@ -1,0 +1,113 @@
+// Lit surfaces, blended front to back: the twin of composite::shaded.
+
+@group(0) @binding(1) var<storage, read> offsets: array<u32>;
+@group(0) @binding(2) var<storage, read> records: array<LayerRecord>;
+@group(0) @binding(3) var<uniform> look: Paints;
+@group(0) @binding(4) var<storage, read_write> pixels: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> covered: atomic<u32>;
+
+// `base` to a power of two, by squaring.
+fn power(base: f32, exponent: u32) -> f32 {
+    var result = base;
+    for (var reached = 1u; reached < exponent; reached *= 2u) {
+        result *= result;
+    }
+    return result;
+}
+
+// Linear RGB of a surface seen in the pixel `at`.
+fn lit(at: vec2<u32>, normal: vec3<f32>, colour: vec3<f32>) -> vec3<f32> {
+    let ray = ray_at(at);
+    let towards_eye = -ray * (1.0 / sqrt(dot(ray, ray)));
+    let towards = dot(normal, towards_eye);
+    // Both sides are lit alike: products with the normal change sign where it looks away.
+    let side = select(1.0, -1.0, towards < 0.0);
+    let facing_eye = min(abs(towards), 1.0);
+    let facing_light = max(side * dot(normal, look.towards_light), 0.0);
+    let from_above = side * dot(normal, -view.down) * 0.5 + 0.5;
+    let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * look.ambient;
+    let rim = power(1.0 - facing_eye, RIM_EXPONENT) * RIM;
+    let diffuse = hemisphere + facing_light * (1.0 - look.ambient) + rim;
+    let between = towards_eye + look.towards_light;
+    let squared = dot(between, between);
+    // Straight from behind there is no direction between; nothing shines there.
+    let per_length = select(1.0, 1.0 / sqrt(squared), squared > LEAST_SQUARED);
+    let mirrored = max(side * dot(normal, between) * per_length, 0.0);
+    let highlight = select(0.0, power(mirrored, HIGHLIGHT_EXPONENT) * HIGHLIGHT, facing_light > 0.0);
+    return colour * diffuse + highlight;
+}
+
+// Premultiplied light over the background, of which it lets a share `through`: straight alpha.
+fn over(light: vec3<f32>, through: f32) -> vec4<f32> {
+    let behind = through * look.background.a;
+    let alpha = (1.0 - through) + behind;
+    if !(alpha > 0.0) {
+        return vec4<f32>(0.0);
+    }
+    return vec4<f32>((light + behind * look.background.rgb) / alpha, alpha);
+}
+
+// One pixel of the plain style: the mean over its samples, each blended front to back.
+@compute @workgroup_size(WORKGROUP)
+fn blend(thread: Thread) {
+    let number = thread_number(thread);
+    if number >= part_area() {
+        return;
+    }
+    let at = part_pixel(number);
+    let place = in_band(at);
+    let end = offsets[place + 1u];
+    if offsets[place] == end {
+        pixels[number] = look.background;
+        return;
+    }
+    var transmitted: array<f32, MAX_SAMPLES>;
+    for (var sample = 0u; sample < view.samples; sample++) {
+        transmitted[sample] = 1.0;
+    }
+    // Samples that still let light through.
+    var open = (1u << view.samples) - 1u;
+    var light = vec3<f32>(0.0);
+    for (var i = offsets[place]; i < end && open != 0u; i++) {
+        var rest = seen_by(records[i].samples) & open;
+        if rest == 0u {
+            continue;
+        }
+        let opacity = clamp(records[i].opacity, 0.0, 1.0);
+        var weight = 0.0;
+        while rest != 0u {
+            let sample = firstTrailingBit(rest);
+            rest &= rest - 1u;
+            weight += transmitted[sample] * opacity;
+            transmitted[sample] *= 1.0 - opacity;
+            if transmitted[sample] <= 0.0 {
+                open &= ~(1u << sample);
+            }
+        }
+        light += weight * lit(at, records[i].normal, records[i].colour);
+    }
+    var through = 0.0;
+    for (var sample = 0u; sample < view.samples; sample++) {
+        through += transmitted[sample];
+    }
+    let count = f32(view.samples);
+    pixels[number] = over(light / count, through / count);
+}
+
+var<workgroup> covered_here: atomic<u32>;
+
+// How many pixels of the part show a surface.
+@compute @workgroup_size(WORKGROUP)
+fn count_covered(thread: Thread) {
+    let number = thread_number(thread);
+    if number < part_area() {
+        let place = in_band(part_pixel(number));
+        if offsets[place] < offsets[place + 1u] {
+            atomicAdd(&covered_here, 1u);
+        }
+    }
+    workgroupBarrier();
+    if thread.local == 0u {
+        atomicAdd(&covered, atomicLoad(&covered_here));
+    }
+}
