@@ -206,7 +206,7 @@ fn sketches_are_the_cpus(gpu: &'static Gpu) {
 fn hatched_sections_are_the_cpus(gpu: &'static Gpu) {
     for layers in LAYERS.iter().filter(|layers| !layers.hatching.is_empty()) {
         let heavy = layers.hatching.heavy();
-        let leaves = Leaves { colours: &layers.colours, heavy: &heavy, hatching: Some(&layers.hatching) };
+        let leaves = Leaves { colours: &layers.colours, heavy: &heavy, hatching: Some(&layers.hatching), names: &[] };
         for kind in StyleKind::ALL {
             assert_same(gpu, layers, &Style::of(kind), leaves, &format!("sections, {}", kind.name()));
         }
@@ -244,7 +244,7 @@ fn bands_leave_no_trace(gpu: &'static Gpu) {
     let is_meant = |layers: &&Layers| layers.name == "bearing" && layers.samples == 4 || layers.name == "widget";
     for layers in LAYERS.iter().filter(is_meant) {
         let heavy = layers.hatching.heavy();
-        let leaves = Leaves { colours: &layers.colours, heavy: &heavy, hatching: Some(&layers.hatching) };
+        let leaves = Leaves { colours: &layers.colours, heavy: &heavy, hatching: Some(&layers.hatching), names: &[] };
         for kind in StyleKind::ALL {
             let style = Style { occlusion: Some(0.7), ..Style::of(kind) };
             let look = Look { light: layers.scene.light, background: layers.scene.background_for(&style) };
