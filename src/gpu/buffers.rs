@@ -15,12 +15,13 @@ const LEAST_BYTES: u64 = 16;
 const GROUPS_ACROSS: u32 = 1 << 15;
 
 impl Gpu {
-    /// A storage buffer of zeros for `count` of `T`, which kernels, copies and draws can use.
+    /// A storage buffer of zeros for `count` of `T`, which kernels, copies and draws can use; for one where there is none, since a
+    /// binding holds at least one.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where one binding cannot hold it.
     pub fn storage<T>(&self, label: &str, count: usize) -> Result<wgpu::Buffer, GpuError> {
-        let size = self.fitting(label, count as u64 * std::mem::size_of::<T>() as u64)?;
+        let size = self.fitting(label, count.max(1) as u64 * std::mem::size_of::<T>() as u64)?;
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,

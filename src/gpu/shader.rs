@@ -51,6 +51,7 @@ pub fn all() -> Vec<Shader> {
     let mut all = vec![super::scan::shader()];
     // One word, and more than one.
     all.extend([1, 5].map(super::blister::shader));
+    all.extend(super::splat::all());
     all
 }
 

@@ -3,6 +3,7 @@
 
 mod blister;
 mod core;
+mod splat;
 
 use std::process::ExitCode;
 
@@ -14,7 +15,7 @@ pub type Test = (&'static str, fn(&'static Gpu));
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
-    let tests: Vec<Test> = [core::TESTS, blister::TESTS].concat();
+    let tests: Vec<Test> = [core::TESTS, blister::TESTS, splat::TESTS].concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {
         Ok(gpu) => Some(Box::leak(Box::new(gpu))),
         Err(error) if std::env::var_os("SURFCUT_NEEDS_GPU").is_some() => {
