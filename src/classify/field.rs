@@ -99,6 +99,19 @@ impl LeafField {
         self.exact.is_none() && self.kind == LeafKind::Solid
     }
 
+    /// The winding numbers that tell sides far from the surface, and the one above which a point is inside; `None` where the
+    /// nearest surfel's plane tells them.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn winding(&self) -> Option<(&Winding, f64)> {
+        self.winding.as_ref().map(|inside| (&inside.winding, inside.threshold))
+    }
+
+    /// The tree over the surfels' balls.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn ball_tree(&self) -> &BallTree {
+        &self.tree
+    }
+
     /// Whether sides far from the surface hold for some distance at all: not those of a scan that is open.
     pub fn has_steady_sides(&self) -> bool {
         self.winding.is_some()

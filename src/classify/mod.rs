@@ -123,6 +123,12 @@ impl Model {
         again.len()
     }
 
+    /// How the surfels of leaf `a` lie to leaf `b`; `None` where they are one leaf.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn pair(&self, a: LeafId, b: LeafId) -> Option<&PairStatus> {
+        self.statuses[a.0 as usize][b.0 as usize].as_ref()
+    }
+
     /// How surfel `index` of leaf `a` lies to leaf `b`, as classification decided it.
     pub fn status(&self, a: LeafId, index: usize, b: LeafId) -> crate::csg::residual::Membership {
         use crate::csg::residual::Membership;

@@ -15,10 +15,10 @@
 use glam::DVec3;
 
 /// Elements a leaf of the tree.
-const LEAF: usize = 8;
+pub(crate) const LEAF: usize = 8;
 
 /// A cluster acts as one dipole from beyond this many of its radii (Barill 2018 §3.3: 2 gives about 1 % error).
-const FAR: f64 = 2.0;
+pub(crate) const FAR: f64 = 2.0;
 
 /// One oriented surface element: a place and its area times its unit normal.
 #[derive(Debug, Clone, Copy)]
@@ -30,10 +30,10 @@ pub struct Element {
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Cluster {
-    centre: DVec3,
-    radius: f64,
-    area_normal: DVec3,
+pub(crate) struct Cluster {
+    pub centre: DVec3,
+    pub radius: f64,
+    pub area_normal: DVec3,
 }
 
 /// Winding numbers of a fixed set of elements.
@@ -106,6 +106,12 @@ impl Winding {
             }
         }
         sum / (4.0 * std::f64::consts::PI)
+    }
+
+    /// The elements, and the tree over runs of [`LEAF`] of them: the root at 1, children of i at 2i and 2i + 1.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn parts(&self) -> (&[Element], &[Cluster]) {
+        (&self.elements, &self.clusters)
     }
 
     /// |Σ aᵢnᵢ| / Σ aᵢ: 0 for a closed surface, 1 for a flat one.

@@ -16,6 +16,7 @@ pub mod layers;
 pub mod layout;
 pub mod scan;
 pub mod shader;
+pub mod splat;
 
 pub use buffers::Commands;
 pub use device::{Gpu, GpuError};

@@ -52,6 +52,7 @@ pub fn all() -> Vec<Shader> {
     // One word, and more than one.
     all.extend([1, 5].map(super::blister::shader));
     all.extend(super::composite::shaders());
+    all.extend(super::splat::all());
     all
 }
 

@@ -282,7 +282,7 @@ impl BlockSet {
     fn span(&self, (left, right): (f32, f32), (top, bottom): (f32, f32)) -> (Range<u32>, Range<u32>) {
         // A pixel more on each side than any place within a pixel can need.
         let block = |px: f32| (px.max(0.0) / BLOCK as f32) as u32; // casts round towards zero
-        let range = |low: f32, high: f32, count: u32| block(low - 1.0)..(block(high + 1.0) + 1).min(count);
+        let range = |low: f32, high: f32, count: u32| block(low - 1.0)..block(high + 1.0).saturating_add(1).min(count);
         (range(left, right, self.across), range(top, bottom, self.down))
     }
 

@@ -18,7 +18,19 @@ use crate::space::{Camera, PixelRect, Projection};
 use crate::surfel::{CHUNK, Surfel, SurfelCloud, Sym3};
 
 /// Rays with t below this many radii in front of the eye are not hit.
-const NEAREST_REFERENCE_IN_RADII: f64 = 0.5;
+pub(crate) const NEAREST_REFERENCE_IN_RADII: f64 = 0.5;
+
+/// By how much rough bounds are widened, pixels: far above what `f32` loses within a picture.
+pub(crate) const BOUNDS_ROUNDING_PX: f64 = 1e-2;
+
+/// Rounding of the cosine between a ray and a normal.
+pub(crate) const COSINE_ROUNDING: f32 = 1e-3;
+
+/// The least cosine between ray and normal that depths are spread by.
+pub(crate) const LEAST_SPREAD_COSINE: f32 = 0.05;
+
+/// The farthest that fragments of one surface lie apart in depth.
+pub(crate) const MOST_REACH_IN_RADII: f32 = 4.0;
 
 /// A surfel as one tile sees it. Lengths in world units, view axes; pixels are relative to the tile's corner.
 #[derive(Debug, Clone, Copy)]
@@ -205,8 +217,7 @@ impl View {
         let distance = f64::from(sight.centre.as_vec3().length());
         let per_z = 1.0 / c.z;
         let cosine = c.z * (1.0 - (radius * per_z).powi(2)) - radius;
-        const ROUNDING_PX: f64 = 1e-2; // far above what `f32` loses within a picture
-        let half = focal_px * radius * distance * (per_z / cosine) + ROUNDING_PX;
+        let half = focal_px * radius * distance * (per_z / cosine) + BOUNDS_ROUNDING_PX;
         let x = 0.5 * f64::from(self.camera.width) + focal_px * c.x * per_z;
         let y = 0.5 * f64::from(self.camera.height) + focal_px * c.y * per_z;
         let bounds = Bounds { left: x - half, right: x + half, top: y - half, bottom: y + half };
@@ -219,7 +230,6 @@ impl View {
     /// surfel can differ, by the bend of the surfel and by perspective across the ball.
     #[inline]
     fn facing(&self, centre_in_view: Vec3, normal_in_view: Vec3, surfel: &Surfel) -> (f32, f32) {
-        const ROUNDING: f32 = 1e-3;
         // No eigenvalue of a symmetric matrix is larger than its largest row's sum.
         let [xx, xy, xz, yy, yz, zz] = surfel.curvature.0.map(f32::abs);
         let bend = (xx + xy + xz).max(xy + yy + yz).max(xz + yz + zz) * surfel.radius;
@@ -227,9 +237,9 @@ impl View {
             Projection::Perspective { .. } => {
                 let distance = centre_in_view.length();
                 let cosine = if distance > 0.0 { normal_in_view.dot(centre_in_view) / distance } else { 0.0 };
-                (cosine, bend + surfel.radius / distance.max(surfel.radius) + ROUNDING)
+                (cosine, bend + surfel.radius / distance.max(surfel.radius) + COSINE_ROUNDING)
             }
-            Projection::Orthographic { .. } => (normal_in_view.z, bend + ROUNDING),
+            Projection::Orthographic { .. } => (normal_in_view.z, bend + COSINE_ROUNDING),
         }
     }
 
@@ -316,11 +326,9 @@ impl Sight {
     /// ε = min(4r, ½ r (tan θ + ½)), cos θ ≥ 0.05, behind its last one. Factors from ¼ to 2 of it give right layer counts; a
     /// tenth breaks them.
     pub fn reach(&self, radius: f32) -> f32 {
-        const LEAST_COSINE: f32 = 0.05;
-        const MOST_RADII: f32 = 4.0;
-        let c = self.cosine.abs().clamp(LEAST_COSINE, 1.0);
+        let c = self.cosine.abs().clamp(LEAST_SPREAD_COSINE, 1.0);
         let tangent = (1.0 - c * c).max(0.0).sqrt() / c;
-        (0.5 * radius * (tangent + 0.5)).min(MOST_RADII * radius)
+        (0.5 * radius * (tangent + 0.5)).min(MOST_REACH_IN_RADII * radius)
     }
 }
 

@@ -24,19 +24,22 @@ use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 use super::project::ViewSurfel;
 
 /// Squared cosine between a ray and the normal below which a miss is a silhouette: 75° and more off the normal.
-const GRAZING_COSINE_SQUARED: f32 = 0.067;
+pub(crate) const GRAZING_COSINE_SQUARED: f32 = 0.067;
 
 /// A candidate's weight (1 − |e|²/r²)² above which it alone proves the surface: the ray passes within 0.7 of its radius.
-const SURE_WEIGHT: f32 = 0.25;
+pub(crate) const SURE_WEIGHT: f32 = 0.25;
 
 /// Rays a row kernel handles at once.
 pub const LANES: usize = 8;
 
 /// Supports end where |e|² = r²; weights below this are as good as none and their quotients all rounding.
-const LEAST_WEIGHT: f32 = 1e-12;
+pub(crate) const LEAST_WEIGHT: f32 = 1e-12;
 
 /// A hit may lie this many radii from where its group's candidates were.
-const FARTHEST_SOLVE_IN_RADII: f32 = 4.0;
+pub(crate) const FARTHEST_SOLVE_IN_RADII: f32 = 4.0;
+
+/// A step on the field of more radii than this diverges.
+pub(crate) const MOST_STEP_IN_RADII: f32 = 0.5;
 
 /// Eight rays of one row of a tile.
 #[derive(Clone, Copy)]
@@ -402,7 +405,7 @@ pub fn solve<S: Simd>(
             rate += w * f.slope;
         }
         let step = value / rate;
-        let good = solved & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * 0.5);
+        let good = solved & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * MOST_STEP_IN_RADII);
         t = good.select(t - step, t);
     }
     let share = row.splat(1.0) / weight;

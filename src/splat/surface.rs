@@ -36,7 +36,10 @@ use crate::space::{PixelRect, Projection, Ray};
 
 /// Newton steps on the field for surfaces that are clipped: one brings the hit onto the field that others ask; the second
 /// is for grazing rays.
-const EDGE_STEPS: u32 = 2;
+pub(crate) const EDGE_STEPS: u32 = 2;
+
+/// How far below 1 a mean opacity is by rounding alone: far below 1/255, the least step of a surfel's opacity.
+pub(crate) const OPACITY_ROUNDING: f32 = 1e-5;
 
 /// One tile's surfels, ready for the kernels.
 pub struct Tile<'a> {
@@ -555,8 +558,7 @@ fn crossing_of_tree(
 
 /// An opacity that is a weighted mean, held to 0 to 1, and opaque where only rounding keeps it from being so.
 fn snapped(opacity: f32) -> f32 {
-    const ROUNDING: f32 = 1e-5; // far below 1/255, the least step of a surfel's opacity
-    if opacity > 1.0 - ROUNDING { 1.0 } else { opacity.max(0.0) }
+    if opacity > 1.0 - OPACITY_ROUNDING { 1.0 } else { opacity.max(0.0) }
 }
 
 /// Which lanes' points lie inside leaf `near`, as bits.

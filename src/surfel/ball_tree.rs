@@ -17,7 +17,7 @@ use glam::{DVec3, Vec3};
 use super::{CHUNK, Surfel, SurfelCloud};
 
 /// Surfels a leaf of the tree; a chunk holds a whole number of them.
-const RUN: usize = 8;
+pub(crate) const RUN: usize = 8;
 const _: () = assert!(CHUNK.is_multiple_of(RUN));
 
 #[derive(Debug, Clone, Copy)]
@@ -62,6 +62,13 @@ impl BallTree {
         const ROUNDINGS: f32 = 8.0;
         tree.slack = ROUNDINGS * f32::EPSILON * farthest;
         tree
+    }
+
+    /// The origin of its coordinates, and the balls, centre and radius (negative where there is none): the root at 1, children
+    /// of i at 2i and 2i + 1, runs of [`RUN`] surfels last.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn balls(&self) -> (DVec3, impl ExactSizeIterator<Item = (Vec3, f32)> + '_) {
+        (self.origin, self.balls.iter().map(|ball| (ball.centre, ball.radius)))
     }
 
     /// The surfels of one run with their indices, about the tree's origin.

@@ -1,0 +1,224 @@
+//! From lists of surfels to the records of a rectangle: groups and hits in pools that grow.
+//!
+//! *Practice.* A pixel takes groups and hits from pools that all pixels share. Where a pool is too small its counter says how many
+//! were asked for; the rectangle is then traced anew with more. A pixel without a group opens others, so that count may be far too
+//! large, and never too small: pools grow by a factor at a time.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use super::bins::{Bins, LISTS};
+use super::project::SplatView;
+use super::shaders;
+use crate::gpu::layers::{GpuLayers, LayerRecord};
+use crate::gpu::{Gpu, GpuError, scan};
+use crate::gpu_struct;
+use crate::layers::sample_offsets;
+use crate::space::PixelRect;
+use crate::splat::bins::BLOCK;
+
+// A workgroup is a block.
+const _: () = assert!(BLOCK * BLOCK == crate::gpu::shader::WORKGROUP);
+
+gpu_struct! {
+    /// Candidates that may be one surface: the twin of [`crate::splat::rows::Slot`], for one ray.
+    pub(super) struct Group {
+        /// Least depth of a candidate, less its reach.
+        lower: f32,
+        /// Greatest depth of a candidate, plus its reach.
+        upper: f32,
+        /// Sum of the candidates' weights.
+        weight: f32,
+        /// And of their depths by weight.
+        weighted_depth: f32,
+        /// The largest weight.
+        best_weight: f32,
+        /// The depth of that candidate.
+        best_depth: f32,
+        /// The view of its surfel.
+        best: u32,
+        /// The next group of the list.
+        next: u32,
+    }
+}
+
+gpu_struct! {
+    /// One boundary of the result on one ray: the twin of [`crate::splat::hits::Hit`].
+    pub(super) struct Hit {
+        /// The result's outward unit normal, view axes.
+        normal: [f32; 3],
+        /// Depth less the block's anchor.
+        t: f32,
+        /// Linear RGB.
+        colour: [f32; 3],
+        /// 0 to 1.
+        opacity: f32,
+        /// Whose surface.
+        leaf: u32,
+        /// Whose material lies behind.
+        body: u32,
+        /// The bits of the samples that see it; negative where the ray leaves the result.
+        seen: i32,
+        /// The next of the pixel.
+        next: u32,
+    }
+}
+
+/// Where the words of pixels count groups, count hits, have the most groups that a sample before took, and have the pixels' first
+/// hits.
+pub(super) const GROUPS_NEEDED: u32 = 0;
+pub(super) const HITS_NEEDED: u32 = 1;
+pub(super) const GROUPS_MOST: u32 = 2;
+pub(super) const FIRST_PIXEL: u32 = 3;
+
+/// How many groups and hits there is room for at first, and then what drawing took, for the next draw.
+#[derive(Debug)]
+pub(super) struct Room {
+    groups: AtomicU32,
+    hits: AtomicU32,
+}
+
+impl Room {
+    /// For so many of each.
+    pub fn new(count: u32) -> Self {
+        Self { groups: count.into(), hits: count.into() }
+    }
+
+    fn get(&self) -> [u32; 2] {
+        [&self.groups, &self.hits].map(|room| room.load(Ordering::Relaxed))
+    }
+
+    /// For as many as were asked for, but no more than a few times what there was, or than one buffer holds while that is more:
+    /// `needed` may be far too large.
+    fn grow(&self, gpu: &Gpu, needed: [u32; 2], pixels: u32) {
+        const FACTOR: u32 = 4;
+        let grow = |room: &AtomicU32, needed: u32, size: usize| {
+            let most = (gpu.largest_binding() / size as u64) as u32;
+            let before = room.load(Ordering::Relaxed);
+            let next = needed.min(before.saturating_mul(FACTOR).max(pixels));
+            let next = if before < most { next.min(most) } else { next };
+            room.fetch_max(next, Ordering::Relaxed);
+        };
+        grow(&self.groups, needed[0], std::mem::size_of::<Group>());
+        grow(&self.hits, needed[1], std::mem::size_of::<Hit>());
+    }
+}
+
+/// What is traced: the views of surfels, their lists, and the scene.
+pub(super) struct Scene<'a> {
+    pub views: &'a wgpu::Buffer,
+    pub bins: &'a Bins,
+    pub far: &'a wgpu::Buffer,
+    pub tables: &'a wgpu::Buffer,
+    pub leaf_words: u32,
+}
+
+impl Scene<'_> {
+    /// The layers of `rect`, that of `of`, with so many samples a pixel.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::Lost`].
+    pub fn trace(
+        &self,
+        gpu: &Gpu,
+        of: &SplatView,
+        rect: PixelRect,
+        samples: u32,
+        room: &Room,
+    ) -> Result<GpuLayers, GpuError> {
+        let trace = gpu.kernel(&shaders::trace(self.leaf_words), "trace");
+        let [merge, finish] = ["merge_sample", "finish_merge"].map(|entry| gpu.kernel(&shaders::merge(), entry));
+        let merged = gpu.storage::<u32>("merged pixels", if samples > 1 { rect.area() } else { 0 })?;
+        let blocks = (of.grid[2] * of.grid[3]) as usize;
+        let pixels = gpu.storage::<u32>("pixels", FIRST_PIXEL as usize + rect.area())?;
+        let offsets = gpu.storage::<u32>("offsets", rect.area() + 1)?;
+        loop {
+            let [group_room, hit_room] = room.get();
+            let groups = gpu.storage::<Group>("groups of fragments", group_room as usize)?;
+            let hits = gpu.storage::<Hit>("hits", hit_room as usize)?;
+            let rooms = SplatView { room: [group_room, hit_room], ..*of };
+            let mut commands = gpu.commands();
+            commands.clear(&pixels);
+            let samples = sample_offsets(samples);
+            for (sample, place) in samples.iter().enumerate() {
+                let place = place.as_vec2().to_array();
+                let uniform = gpu.uniform("splat view", &SplatView { place, samples: 1 << sample, ..rooms });
+                let buffers = [
+                    (0, &uniform),
+                    (1, self.views),
+                    (2, &self.bins.members),
+                    (3, &self.bins.starts),
+                    (4, &groups),
+                    (5, &pixels),
+                    (6, self.far),
+                    (7, self.tables),
+                    (8, &hits),
+                ];
+                commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), blocks);
+                if samples.len() > 1 {
+                    let buffers = [(0, &uniform), (1, &hits), (2, &pixels), (3, &merged)];
+                    commands.dispatch(&merge, &gpu.bind(&merge, &buffers), rect.area());
+                    if sample + 1 == samples.len() {
+                        commands.dispatch(&finish, &gpu.bind(&finish, &buffers), rect.area());
+                    }
+                }
+            }
+            // What opaque hits hide of a sample is not among what was merged.
+            let nearest_only = if samples.len() > 1 { 0 } else { of.nearest_only };
+            let uniform = gpu.uniform("splat view", &SplatView { nearest_only, ..rooms });
+            let [count, write] = ["count_hits", "write_records"].map(|entry| gpu.kernel(&shaders::hits(), entry));
+            let buffers = [(0, &uniform), (4, &hits), (5, &pixels), (6, &offsets)];
+            commands.dispatch(&count, &gpu.bind(&count, &buffers), rect.area() + 1);
+            scan::exclusive(gpu, &mut commands, &offsets, rect.area() + 1)?;
+            commands.submit();
+            let needed: Vec<u32> = gpu.download(&pixels, FIRST_PIXEL as usize)?;
+            let needed =
+                [needed[GROUPS_NEEDED as usize].max(needed[GROUPS_MOST as usize]), needed[HITS_NEEDED as usize]];
+            if needed[0] > group_room || needed[1] > hit_room {
+                room.grow(gpu, needed, rect.area() as u32);
+                continue;
+            }
+            let total = gpu.download_from::<u32>(&offsets, 4 * rect.area() as u64, 1)?[0] as usize;
+            let records = gpu.storage::<LayerRecord>("records", total)?;
+            let buffers = [
+                (0, &uniform),
+                (1, self.views),
+                (2, &self.bins.members),
+                (3, &self.bins.starts),
+                (4, &hits),
+                (5, &pixels),
+                (6, &offsets),
+                (7, &records),
+            ];
+            let mut commands = gpu.commands();
+            commands.dispatch(&write, &gpu.bind(&write, &buffers), rect.area());
+            commands.submit();
+            return Ok(GpuLayers { rect, offsets, records, count: total });
+        }
+    }
+}
+
+/// Blocks that cover `rect`: first column and row, and how many across and down.
+pub(super) fn grid(rect: PixelRect) -> [u32; 4] {
+    let (x, y) = (rect.x0 / BLOCK, rect.y0 / BLOCK);
+    [x, y, rect.x1.div_ceil(BLOCK) - x, rect.y1.div_ceil(BLOCK) - y]
+}
+
+// The two lists of a block are those that rays can enter through, and the others.
+const _: () = assert!(LISTS == 2);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_structs_are_the_shaders() {
+        crate::gpu::layout::assert_same_layout::<Group>();
+        crate::gpu::layout::assert_same_layout::<Hit>();
+    }
+
+    #[test]
+    fn blocks_cover_a_rectangle_wherever_it_begins() {
+        assert_eq!(grid(PixelRect { x0: 0, y0: 0, x1: 64, y1: 8 }), [0, 0, 8, 1]);
+        assert_eq!(grid(PixelRect { x0: 7, y0: 17, x1: 9, y1: 18 }), [0, 2, 2, 1]);
+    }
+}
