@@ -95,6 +95,7 @@ impl Bins {
     }
 
     /// The entries of all tiles.
+    #[cfg(feature = "gpu")]
     pub fn all(&self) -> &[Entry] {
         &self.entries
     }

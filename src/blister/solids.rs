@@ -27,6 +27,7 @@ pub(super) struct SolidHit {
     /// Whether the surface shows there: a half-space shows only within its square.
     pub is_drawn: bool,
     /// The plane that it shares with another leaf, or [`NO_PLANE`].
+    #[cfg_attr(not(feature = "gpu"), expect(dead_code))]
     pub plane: u32,
 }
 

@@ -3,7 +3,11 @@
 //! *Practice.* Whatever goes wrong with a GPU that nobody insisted on is told in one line, and the CPU draws. A software adapter
 //! (lavapipe) is not taken unless it is asked for: it runs on the same processor as the CPU's own code, which is the faster.
 
+use surfcut::composite::{Leaves, Look, Picture};
+#[cfg(feature = "gpu")]
+use surfcut::gpu::{Gpu, GpuError, GpuLayerSource};
 use surfcut::layers::{LayerSource, LayerStack};
+use surfcut::scene::style::Style;
 use surfcut::space::Camera;
 
 use super::Session;
@@ -13,11 +17,17 @@ use super::engine::Engine;
 /// A GPU that draws as far as it can.
 pub struct Device<'s> {
     #[cfg(feature = "gpu")]
-    pub gpu: surfcut::gpu::Gpu,
+    pub gpu: Gpu,
     /// Whether the CPU may not stand in.
+    #[cfg(feature = "gpu")]
     is_required: bool,
+    #[cfg(feature = "gpu")]
     session: &'s Session,
+    #[cfg(feature = "gpu")]
     has_fallen_back: std::cell::Cell<bool>,
+    /// Without the feature there is none.
+    #[cfg(not(feature = "gpu"))]
+    never: (std::convert::Infallible, std::marker::PhantomData<&'s Session>),
 }
 
 /// Why the GPU does not draw.
@@ -34,7 +44,7 @@ pub enum BackendError {
     /// The device failed.
     #[cfg(feature = "gpu")]
     #[error(transparent)]
-    Gpu(#[from] surfcut::gpu::GpuError),
+    Gpu(#[from] GpuError),
 }
 
 impl<'s> Device<'s> {
@@ -47,14 +57,16 @@ impl<'s> Device<'s> {
         match Self::opened(args, is_required, session) {
             Ok(device) => Ok(device),
             Err(error) if is_required => Err(error),
-            // No adapter is what most servers have: nothing to tell.
-            Err(_) => Ok(None),
+            Err(error) => {
+                session.tell(&format!("the CPU draws: {error}"));
+                Ok(None)
+            }
         }
     }
 
     #[cfg(feature = "gpu")]
     fn opened(args: &BackendArgs, is_required: bool, session: &'s Session) -> Result<Option<Self>, BackendError> {
-        use surfcut::gpu::{Gpu, device};
+        use surfcut::gpu::device;
         if !is_required && device::list().first().is_none_or(device::AdapterText::is_software) {
             return Ok(None);
         }
@@ -63,8 +75,8 @@ impl<'s> Device<'s> {
     }
 
     #[cfg(not(feature = "gpu"))]
-    fn opened(_: &BackendArgs, _: bool, _: &'s Session) -> Result<Option<Self>, BackendError> {
-        Err(BackendError::NotBuilt)
+    fn opened(_: &BackendArgs, is_required: bool, _: &'s Session) -> Result<Option<Self>, BackendError> {
+        if is_required { Err(BackendError::NotBuilt) } else { Ok(None) }
     }
 
     /// The name of the adapter.
@@ -72,40 +84,62 @@ impl<'s> Device<'s> {
         #[cfg(feature = "gpu")]
         return self.gpu.adapter().name.clone();
         #[cfg(not(feature = "gpu"))]
-        unreachable!("no device is opened without the feature")
+        match self.never.0 {}
     }
 
     /// The layers of one frame, or `None` where the CPU is to draw it.
     pub fn layers(&self, engine: &dyn Engine, camera: &Camera) -> anyhow::Result<Option<LayerStack>> {
-        match self.drawn(engine, camera) {
-            Ok(stack) => Ok(Some(stack)),
-            Err(error) if self.is_required => Err(error.into()),
-            Err(error) => {
-                if !self.has_fallen_back.replace(true) {
-                    self.session.tell(&format!("the CPU draws: {error}"));
-                }
-                Ok(None)
-            }
-        }
+        #[cfg(feature = "gpu")]
+        return self.drawn(engine, camera, &|frame| surfcut::gpu::layers::collect(&self.gpu, frame));
+        #[cfg(not(feature = "gpu"))]
+        match (self.never.0, engine, camera) {}
     }
 
+    /// The picture of one frame, whose layers never leave the GPU; `None` where the CPU is to draw it.
+    pub fn picture(
+        &self,
+        engine: &dyn Engine,
+        camera: &Camera,
+        look: &Look,
+        style: &Style,
+        leaves: Leaves,
+    ) -> anyhow::Result<Option<Picture>> {
+        #[cfg(feature = "gpu")]
+        return self
+            .drawn(engine, camera, &|frame| surfcut::gpu::composite::styled(&self.gpu, frame, look, style, leaves));
+        #[cfg(not(feature = "gpu"))]
+        match (self.never.0, engine, camera, look, style, leaves) {}
+    }
+
+    /// What `draw` makes of one frame; `None`, told once, where the CPU is to draw it.
     #[cfg(feature = "gpu")]
-    fn drawn(&self, engine: &dyn Engine, camera: &Camera) -> Result<LayerStack, BackendError> {
+    fn drawn<T>(
+        &self,
+        engine: &dyn Engine,
+        camera: &Camera,
+        draw: &dyn Fn(&dyn GpuLayerSource) -> Result<T, GpuError>,
+    ) -> anyhow::Result<Option<T>> {
         let mut refused = None;
-        let stack = self.gpu.checked(|| match engine.gpu_frame(&self.gpu, camera) {
-            Ok(frame) => surfcut::gpu::layers::collect(&self.gpu, &*frame).map(Some),
+        let drawn = self.gpu.checked(|| match engine.gpu_frame(&self.gpu, camera) {
+            Ok(frame) => draw(&*frame).map(Some),
             Err(BackendError::Gpu(error)) => Err(error),
             Err(error) => {
                 refused = Some(error);
                 Ok(None)
             }
-        })?;
-        stack.ok_or_else(|| refused.expect("a frame that is not there was refused"))
-    }
-
-    #[cfg(not(feature = "gpu"))]
-    fn drawn(&self, _: &dyn Engine, _: &Camera) -> Result<LayerStack, BackendError> {
-        Err(BackendError::NotBuilt)
+        });
+        let error = match (drawn, refused) {
+            (Ok(drawn), None) => return Ok(drawn),
+            (Ok(_), Some(error)) => error,
+            (Err(error), _) => error.into(),
+        };
+        if self.is_required {
+            return Err(error.into());
+        }
+        if !self.has_fallen_back.replace(true) {
+            self.session.tell(&format!("the CPU draws: {error}"));
+        }
+        Ok(None)
     }
 }
 

@@ -10,10 +10,11 @@ use surfcut::classify::Model;
 use surfcut::classify::partners::{Among, PartnerLists};
 use surfcut::csg::{LeafId, TooManyProducts, Tree};
 #[cfg(feature = "gpu")]
-use surfcut::gpu::{
-    Gpu, GpuLayerSource,
-    blister::{Classifier, GpuMeshFrame},
-};
+use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
+#[cfg(feature = "gpu")]
+use surfcut::gpu::splat::{GpuSplatError, GpuSplatFrame, GpuSplatModel};
+#[cfg(feature = "gpu")]
+use surfcut::gpu::{Gpu, GpuLayerSource};
 use surfcut::hybrid::HybridModel;
 use surfcut::layers::merged::MergedLayers;
 use surfcut::layers::{LayerLimit, LayerSource};
@@ -229,6 +230,9 @@ struct SplatEngine {
     products: Option<Vec<Tree>>,
     /// Their models, over the same leaves.
     parts: Option<Vec<(Model, Option<PartnerLists>)>>,
+    /// The model on the GPU that drew last.
+    #[cfg(feature = "gpu")]
+    uploaded: std::cell::OnceCell<GpuSplatModel>,
 }
 
 impl SplatEngine {
@@ -239,7 +243,16 @@ impl SplatEngine {
         partners: Option<Arc<PartnerLists>>,
         products: Option<Vec<Tree>>,
     ) -> Self {
-        let mut engine = Self { model, frame, settings, partners, products, parts: None };
+        let mut engine = Self {
+            model,
+            frame,
+            settings,
+            partners,
+            products,
+            parts: None,
+            #[cfg(feature = "gpu")]
+            uploaded: std::cell::OnceCell::new(),
+        };
         engine.part();
         engine
     }
@@ -274,7 +287,34 @@ impl Engine for SplatEngine {
         })
     }
 
+    #[cfg(feature = "gpu")]
+    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        if self.parts.is_some() {
+            return Err(BackendError::NotThere("--union products".to_owned()));
+        }
+        let refused = |error| match error {
+            GpuSplatError::Gpu(error) => BackendError::Gpu(error),
+            GpuSplatError::ExactLeaf { .. } => {
+                BackendError::NotThere("scans together with meshes or solids yet".to_owned())
+            }
+            GpuSplatError::Settings => {
+                BackendError::NotThere("surfels that are clipped in another way than the default one".to_owned())
+            }
+        };
+        if self.uploaded.get().is_none() {
+            let uploaded = GpuSplatModel::new(gpu, &self.model).map_err(refused)?;
+            // It was empty, and there is but one thread.
+            let _ = self.uploaded.set(uploaded);
+        }
+        let uploaded = self.uploaded.get().expect("it was just uploaded");
+        let FrameArgs { samples, limit } = self.frame;
+        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, self.settings);
+        Ok(Box::new(frame.map_err(refused)?))
+    }
+
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
+        #[cfg(feature = "gpu")]
+        self.uploaded.take();
         // What the parts share with the model is about to change.
         self.parts = None;
         let model = Arc::get_mut(&mut self.model).context("a model that other engines share cannot be moved")?;

@@ -308,6 +308,9 @@ pub struct Drawn {
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
     pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
+        if let Some(picture) = report.phase("frame", || self.of_device(camera))? {
+            return Ok(Drawn { picture, stack: None, style: self.style, layers: None });
+        }
         let source = report.phase("prepare", || backend::source(self.device, self.engine, camera))?;
         let stack = self.wants_layers.then(|| report.phase("frame", || LayerStack::collect(&*source)));
         let source: &dyn LayerSource = stack.as_ref().map_or(&*source, |stack| stack);
@@ -333,6 +336,20 @@ impl Drawing<'_> {
             counts = Some(counted);
         }
         Ok(Drawn { picture, stack, style, layers: counts.map(|counts| counts.pixels.len()) })
+    }
+
+    /// The picture, where a device can draw all of it: what counts, keeps or mixes layers is the CPU's.
+    fn of_device(&self, camera: &Camera) -> anyhow::Result<Option<Picture>> {
+        let is_counted = self.min_pixels.is_some() || self.style.max_layers.is_some();
+        let needs_layers = self.wants_layers
+            || self.wants_maps
+            || self.style.legend.is_some()
+            || !self.contents.is_empty()
+            || (is_counted && self.shows_layers());
+        match self.device {
+            Some(device) if !needs_layers => device.picture(self.engine, camera, &self.look, &self.style, self.leaves),
+            _ => Ok(None),
+        }
     }
 
     /// Whether what is drawn, or written, depends on deeper layers than the nearest, so that a limit changes it.
@@ -372,8 +389,13 @@ impl Drawing<'_> {
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
             let watch = Stopwatch::start();
-            let source = backend::source(self.device, self.engine, &turned)?;
-            std::hint::black_box(self.styled(&*source, style, &|| ()));
+            match self.of_device(&turned)? {
+                Some(picture) => drop(std::hint::black_box(picture)),
+                None => {
+                    let source = backend::source(self.device, self.engine, &turned)?;
+                    std::hint::black_box(self.styled(&*source, style, &|| ()));
+                }
+            }
             if turn > 0 {
                 times.push(watch.times());
                 bar.inc(1);

@@ -18,7 +18,8 @@ pub const TESTS: &[Test] = &[
 
 fn sums_are_those_of_the_numbers_before(gpu: &'static Gpu) {
     for count in [1_usize, 63, 512, 513, 40_000, 600_001] {
-        let numbers: Vec<u32> = (0..count).map(|i| if i + 1 == count { 0 } else { (i as u32).wrapping_mul(7919) % 11 }).collect();
+        let numbers: Vec<u32> =
+            (0..count).map(|i| if i + 1 == count { 0 } else { (i as u32).wrapping_mul(7919) % 11 }).collect();
         let buffer = gpu.upload("numbers", &numbers).unwrap();
         let mut commands = gpu.commands();
         scan::exclusive(gpu, &mut commands, &buffer, count).unwrap();

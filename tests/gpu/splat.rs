@@ -340,7 +340,11 @@ fn no_fragment_is_lost_where_room_is_short(gpu: &'static Gpu) {
     let (short, ample) = (drawn(Some(1)), drawn(None));
     assert_eq!(short.offsets, ample.offsets);
     assert_eq!(short.boundaries, ample.boundaries);
-    println!("{:?} {:?}", ample.at(100, 100).iter().map(|b| (b.depth, b.facing)).collect::<Vec<_>>(), model.fields[0].cloud.surfels[0]);
+    println!(
+        "{:?} {:?}",
+        ample.at(100, 100).iter().map(|b| (b.depth, b.facing)).collect::<Vec<_>>(),
+        model.fields[0].cloud.surfels[0]
+    );
     let most = ample.offsets.windows(2).map(|w| w[1] - w[0]).max();
     assert_eq!(most, Some(200));
     let on_cpu = Frame::new(&model, camera.clone(), LayerLimit::All, 1, SplatSettings::default(), None).draw(rect);
