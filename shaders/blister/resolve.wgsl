@@ -155,10 +155,14 @@ fn resolve(thread: Thread) {
         last_kept = peel;
         found++;
         if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
-            break;
+            node = 0u;
         }
     }
     kept[pixel] = found;
+    // A driver may end loops that take long.
+    if node != 0u {
+        atomicMax(&length, CUT_SHORT);
+    }
 }
 
 // Of the slots that the peel toggles the one with the best claim; of equal ones the first.

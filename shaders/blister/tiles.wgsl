@@ -136,6 +136,7 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
     }
     var was = eval_after();
     var found = 0u;
+    var is_complete = false;
     loop {
         for (var word = 0u; word < WORDS; word++) {
             before[word] = after[word];
@@ -189,6 +190,7 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
                 keep_boundary(pixel, found, layer.key, pieces[piece].surface, behind, is_front);
                 found++;
                 if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
+                    is_complete = true;
                     break;
                 }
             }
@@ -202,8 +204,13 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
             look_at(single(i), key_of_piece(single(i), within_f), layer.key);
         }
         if next.count == 0u {
+            is_complete = true;
             break;
         }
+    }
+    // A driver may end loops that take long.
+    if !is_complete {
+        atomicMax(&length, CUT_SHORT);
     }
     return found;
 }

@@ -51,6 +51,11 @@ pub enum GpuError {
         /// Bytes.
         limit: u64,
     },
+    /// A thread had more to do than the driver allows.
+    #[error(
+        "the GPU's driver ends loops before they are done: a pixel has too many surfaces for it; draw with --backend cpu"
+    )]
+    CutShort,
     /// The driver, or wgpu's checks, refused a command: a defect of surfcut or of the driver.
     #[error("the GPU refused a command: {0}")]
     Refused(String),

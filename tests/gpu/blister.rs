@@ -169,16 +169,16 @@ fn leaf(number: u32, solid: Solid) -> MeshLeaf {
 }
 
 /// Every pixel of every tile sees the front and the back of every plate, in their order.
-fn assert_all_plates(tiles: &[LayerTile], count: u32, side: u32) {
+fn assert_all_plates(what: &str, tiles: &[LayerTile], count: u32, side: u32) {
     let pixels: usize = tiles.iter().map(|tile| tile.rect.area()).sum();
     assert_eq!(pixels, (side * side) as usize);
     for tile in tiles {
         for (x, y) in (tile.rect.y0..tile.rect.y1).flat_map(|y| (tile.rect.x0..tile.rect.x1).map(move |x| (x, y))) {
             let found = tile.at(x, y);
-            assert_eq!(found.len(), 2 * count as usize, "at ({x}, {y})");
+            assert_eq!(found.len(), 2 * count as usize, "{what}, at ({x}, {y})");
             for (i, boundary) in found.iter().enumerate() {
                 let facing = if i % 2 == 0 { Facing::Front } else { Facing::Back };
-                assert_eq!((boundary.leaf, boundary.facing), (i as u32 / 2, facing), "at ({x}, {y})");
+                assert_eq!((boundary.leaf, boundary.facing), (i as u32 / 2, facing), "{what}, at ({x}, {y})");
             }
         }
     }
@@ -189,7 +189,7 @@ fn two_hundred_layers_at_a_pixel_are_all_there(gpu: &'static Gpu) {
     for classifier in Classifier::ALL {
         let frame = MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
         let frame = GpuMeshFrame::new(gpu, frame, classifier).unwrap().with_first_length(1);
-        assert_all_plates(&drawn(gpu, &frame), 100, 8);
+        assert_all_plates(classifier.name(), &drawn(gpu, &frame), 100, 8);
     }
 }
 
@@ -200,7 +200,7 @@ fn no_fragment_of_twenty_million_is_lost(gpu: &'static Gpu) {
     let frame = GpuMeshFrame::new(gpu, frame, Classifier::List).unwrap().with_first_length(1000);
     let tiles = drawn(gpu, &frame);
     assert!(tiles.len() > 1);
-    assert_all_plates(&tiles, 50, 448);
+    assert_all_plates("list", &tiles, 50, 448);
 }
 
 fn a_result_without_a_surface_is_empty(gpu: &'static Gpu) {

@@ -7,7 +7,7 @@
 use super::arrangement::{Fragment, Uploaded};
 use super::draws::{KINDS, NO_COLOUR, pass, pipeline};
 use super::frame::{GpuMeshFrame, with_room};
-use super::shader;
+use super::{CUT_SHORT, shader};
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::space::PixelRect;
@@ -26,21 +26,23 @@ pub(super) fn draw(
     with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
         let heads = gpu.storage::<u32>("heads", rect.area())?;
         let nodes = gpu.storage::<Fragment>("nodes", room)?;
-        let length = raster(gpu, uploaded, rect, &heads, &nodes)?;
-        let layers = (length <= room).then(|| resolve(gpu, uploaded, rect, &heads, &nodes)).transpose()?;
-        Ok((length, layers))
+        let length = gpu.storage::<u32>("length", 1)?;
+        raster(gpu, uploaded, rect, &length, &heads, &nodes)?;
+        let needed = gpu.download::<u32>(&length, 1)?[0] as usize;
+        let layers = (needed <= room).then(|| resolve(gpu, uploaded, rect, &length, &heads, &nodes)).transpose()?;
+        Ok((needed, layers))
     })
 }
 
-/// Draws everything into the lists; returns the number of fragments, whether or not they had room.
+/// Draws everything into the lists; `length` becomes the number of fragments, whether or not they had room.
 fn raster(
     gpu: &Gpu,
     uploaded: &Uploaded,
     rect: PixelRect,
+    length: &wgpu::Buffer,
     heads: &wgpu::Buffer,
     nodes: &wgpu::Buffer,
-) -> Result<usize, GpuError> {
-    let length = gpu.storage::<u32>("length", 1)?;
+) -> Result<(), GpuError> {
     let frame = gpu.uniform("frame", &uploaded.band(rect));
     let target = gpu.target("target", rect, NO_COLOUR)?;
     let mut commands = gpu.commands();
@@ -50,7 +52,7 @@ fn raster(
         pass.set_vertex_buffer(0, uploaded.corners.slice(..));
         for (topology, vertices) in KINDS.into_iter().zip(uploaded.vertices()).filter(|(_, range)| !range.is_empty()) {
             let pipeline = pipeline(gpu, uploaded, "list_fragment", topology, false);
-            let buffers = [(0, &frame), (3, &uploaded.surfaces), (4, &length), (5, heads), (7, nodes)];
+            let buffers = [(0, &frame), (3, &uploaded.surfaces), (4, length), (5, heads), (7, nodes)];
             pass.set_pipeline(&pipeline);
             pass.set_bind_group(0, &gpu.bind_layout(&pipeline.get_bind_group_layout(0), &buffers), &[]);
             pass.draw(vertices, 0..1);
@@ -59,13 +61,14 @@ fn raster(
     }
     commands.count_pass(draws, u64::from(uploaded.triangles));
     commands.submit();
-    Ok(gpu.download::<u32>(&length, 1)?[0] as usize)
+    Ok(())
 }
 
 fn resolve(
     gpu: &Gpu,
     uploaded: &Uploaded,
     rect: PixelRect,
+    length: &wgpu::Buffer,
     heads: &wgpu::Buffer,
     nodes: &wgpu::Buffer,
 ) -> Result<GpuLayers, GpuError> {
@@ -80,6 +83,7 @@ fn resolve(
         (1, &uploaded.steps),
         (2, &uploaded.slots),
         (3, &uploaded.surfaces),
+        (4, length),
         (7, nodes),
         (9, &kept),
         (13, heads),
@@ -87,6 +91,9 @@ fn resolve(
     commands.dispatch(&resolve, &gpu.bind(&resolve, &buffers), pixels);
     scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
     commands.submit();
+    if gpu.download::<u32>(length, 1)?[0] == CUT_SHORT {
+        return Err(GpuError::CutShort);
+    }
     write_with(gpu, uploaded, &frame, rect, kept, "write_list", &[(7, nodes), (13, heads)])
 }
 

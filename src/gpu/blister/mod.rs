@@ -42,11 +42,15 @@ const LAST_KEY: u32 = (127 + 64) << 23;
 /// Nearer than every order: one more than that of the nearest key, whose bits are those of 1.
 const ALL_ORDERS: u32 = LAST_KEY - FIRST_KEY + 1;
 
+/// What a kernel says where the driver ended one of its loops: llvmpipe allows a thread 65 535 turns, and says nothing.
+pub(super) const CUT_SHORT: u32 = u32::MAX;
+
 /// The module, for states of so many words.
 pub(super) fn shader(words: u32) -> Shader {
     Shader::new("blister")
         .with_constant("WORDS", words)
         .with_constant("NO_SLOT", NO_SLOT)
+        .with_constant("CUT_SHORT", CUT_SHORT)
         .with_constant("STEP_INSIDE", INSIDE)
         .with_constant("STEP_OUTSIDE", OUTSIDE)
         .with_constant("BOUNDARY_FRONT", flags::BOUNDARY_FRONT)

@@ -7,7 +7,7 @@
 use super::arrangement::{Survivor, Uploaded};
 use super::frame::{GpuMeshFrame, with_room};
 use super::pieces::{TILE, TileBoundary};
-use super::{list, shader};
+use super::{CUT_SHORT, list, shader};
 use crate::gpu::layers::GpuLayers;
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::space::PixelRect;
@@ -49,13 +49,16 @@ pub(super) fn draw(
         commands.dispatch_groups(&resolve, &gpu.bind(&resolve, &buffers), groups);
         scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
         commands.submit();
-        if is_single {
-            return Ok((
-                pixels,
-                Some(list::write_with(gpu, uploaded, &band, rect, kept, "write_single", &[(24, &boundaries)])?),
-            ));
+        let found = gpu.download::<u32>(&length, 1)?[0];
+        if found == CUT_SHORT {
+            // Lists take fewer turns.
+            return list::draw(gpu, frame, uploaded, rect).map(|layers| (room, Some(layers)));
         }
-        let found = gpu.download::<u32>(&length, 1)?[0] as usize;
+        if is_single {
+            let layers = list::write_with(gpu, uploaded, &band, rect, kept, "write_single", &[(24, &boundaries)])?;
+            return Ok((pixels, Some(layers)));
+        }
+        let found = found as usize;
         if found > room {
             return Ok((found, None));
         }
