@@ -160,6 +160,23 @@ fn join(ray: Ray, id: u32, front: bool, t: f32, w: f32) {
     }
 }
 
+// Adds the root of a surfel's quadric that enters the leaf, or the one that leaves it, where inside the support: `z` is the
+// reference depth and `root` that of the discriminant.
+fn offer(ray: Ray, id: u32, q: Terms, z: f32, root: f32, front: bool, hidden_from: f32) {
+    if (views[id].owner & select(MAY_LEAVE, MAY_ENTER, front)) == 0u {
+        return;
+    }
+    let denominator = select(-q.slope - root, root - q.slope, front);
+    let tau = 2.0 * q.value / denominator;
+    let u = support(id, at_reference(ray, id) + ray.dir * tau);
+    let t = tau + z;
+    // Comparisons are false for NaN, so a vanishing denominator drops the candidate.
+    if u < 1.0 && t < hidden_from {
+        let v = 1.0 - u;
+        join(ray, id, front, t, v * v);
+    }
+}
+
 // Adds the surfaces that the ray meets among the surfels of one list to the groups; nothing is seen from `hidden_from` on.
 fn detect(ray: Ray, first: u32, end: u32, hidden_from: f32) {
     for (var i = first; i < end; i++) {
@@ -170,25 +187,9 @@ fn detect(ray: Ray, first: u32, end: u32, hidden_from: f32) {
         let z = reference_depth(ray, id);
         let q = terms_at(ray, id, z);
         let square = q.slope * q.slope - 4.0 * q.value * q.half_bend;
-        if !(square >= 0.0) {
-            continue;
-        }
-        let root = sqrt(square);
-        let e = at_reference(ray, id);
-        for (var side = 0u; side < 2u; side++) {
-            let front = side == 0u;
-            if (views[id].owner & select(MAY_LEAVE, MAY_ENTER, front)) == 0u {
-                continue;
-            }
-            let denominator = select(-q.slope - root, root - q.slope, front);
-            let tau = 2.0 * q.value / denominator;
-            let u = support(id, e + ray.dir * tau);
-            let t = tau + z;
-            // Comparisons are false for NaN, so a vanishing denominator drops the candidate.
-            if u < 1.0 && t < hidden_from {
-                let v = 1.0 - u;
-                join(ray, id, front, t, v * v);
-            }
+        if square >= 0.0 {
+            offer(ray, id, q, z, sqrt(square), true, hidden_from);
+            offer(ray, id, q, z, sqrt(square), false, hidden_from);
         }
     }
 }

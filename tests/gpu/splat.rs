@@ -11,7 +11,7 @@ use surfcut::layers::{Boundary, LayerLimit, LayerSource, LayerTile};
 use surfcut::scene::LeafKind;
 use surfcut::space::{Camera, Lens, PixelRect};
 use surfcut::splat::{Frame, SplatSettings};
-use surfcut::surfel::{CHUNK, SurfelCloud, from_solid};
+use surfcut::surfel::from_solid;
 
 use crate::Test;
 
@@ -186,17 +186,13 @@ fn nested_spheres_show_all_layers(gpu: &'static Gpu) {
 }
 
 fn a_tree_of_forty_leaves(gpu: &'static Gpu) {
-    let name = |i: usize| match i {
-        0..26 => ((b'a' + i as u8) as char).to_string(),
-        _ => format!("a{}", (b'a' + (i - 26) as u8) as char),
-    };
     let mut text = name(0);
     let mut leaves = vec![sphere([0.0; 3], 1.0)];
-    for i in 1..40 {
-        let turn = 2.4 * i as f64;
-        let height = 1.0 - 2.0 * i as f64 / 40.0;
+    for i in 1..40_u32 {
+        let turn = 2.4 * f64::from(i);
+        let height = 1.0 - 2.0 * f64::from(i) / 40.0;
         let across = (1.0 - height * height).sqrt();
-        leaves.push(sphere([across * turn.cos(), across * turn.sin(), height], 0.25 + 0.02 * (i % 5) as f64));
+        leaves.push(sphere([across * turn.cos(), across * turn.sin(), height], 0.25 + 0.02 * f64::from(i % 5)));
         text = format!("({text} {} {})", if i % 3 == 0 { "|" } else { "-" }, name(i));
     }
     hold(gpu, &model(&text, &leaves, 0.05), &camera([1.0, -5.0, 2.0], [0.0; 3], 32.0));
@@ -306,21 +302,22 @@ fn parts_of_a_picture_are_the_same_bits(gpu: &'static Gpu) {
     }
 }
 
-/// Small squares behind one another, all of one leaf, which rays enter and leave by turns.
-fn stack_of_squares(count: usize) -> Model {
-    let mut all = SurfelCloud::default();
-    for i in 0..count {
-        let normal = if i % 2 == 0 { -DVec3::Y } else { DVec3::Y };
-        let square = Solid::HalfSpace { point: DVec3::Y * (0.1 * i as f64), normal, extent: 0.25 };
-        let mut square = from_solid(&square, DAffine3::IDENTITY, 0.03).unwrap();
-        // Only the last chunk of a cloud may have room left.
-        let kept = square.surfels.len() / CHUNK * CHUNK;
-        assert!(kept > 0);
-        all.surfels.extend(square.surfels.drain(..kept));
-        all.confidence.extend(square.confidence.drain(..kept));
-        all.chunks.extend(square.chunks.drain(..kept / CHUNK));
-    }
-    Model::new(&tree("a"), vec![LeafField::new(all, None, LeafKind::Solid)], looks(1))
+/// The name of the leaf that [`tree`] gives a number.
+fn name(number: u32) -> String {
+    let letter = char::from(b'a' + (number % 26) as u8);
+    if number < 26 { letter.to_string() } else { name(number / 26 - 1) + &letter.to_string() }
+}
+
+/// Small squares behind one another, each a sheet.
+fn stack_of_squares(count: u32) -> Model {
+    let square = |i: u32| {
+        let point = DVec3::Y * (0.1 * f64::from(i));
+        let mut field = scan(&Solid::HalfSpace { point, normal: -DVec3::Y, extent: 0.03 }, 0.03, DVec3::ZERO);
+        field.kind = LeafKind::Sheet;
+        field
+    };
+    let text = (0..count).map(name).collect::<Vec<_>>().join(" | ");
+    Model::new(&tree(&text), (0..count).map(square).collect(), looks(count as usize))
 }
 
 fn no_fragment_is_lost_where_room_is_short(gpu: &'static Gpu) {
@@ -340,11 +337,6 @@ fn no_fragment_is_lost_where_room_is_short(gpu: &'static Gpu) {
     let (short, ample) = (drawn(Some(1)), drawn(None));
     assert_eq!(short.offsets, ample.offsets);
     assert_eq!(short.boundaries, ample.boundaries);
-    println!(
-        "{:?} {:?}",
-        ample.at(100, 100).iter().map(|b| (b.depth, b.facing)).collect::<Vec<_>>(),
-        model.fields[0].cloud.surfels[0]
-    );
     let most = ample.offsets.windows(2).map(|w| w[1] - w[0]).max();
     assert_eq!(most, Some(200));
     let on_cpu = Frame::new(&model, camera.clone(), LayerLimit::All, 1, SplatSettings::default(), None).draw(rect);

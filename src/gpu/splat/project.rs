@@ -129,9 +129,12 @@ pub(super) const OWNER_SHIFT: u32 = 2;
 /// The picture's chunks, ready to be culled.
 #[derive(Debug)]
 pub(super) struct Chunks {
-    /// By part and chunk: its view, and the pixels that it may touch; `None` where it cannot be seen.
-    parts: Vec<Vec<Option<(ChunkView, [f64; 4])>>>,
+    /// By part and chunk; `None` where it cannot be seen.
+    parts: Vec<Vec<Option<Seen>>>,
 }
+
+/// A chunk's view, and the pixels that it may touch: left, right, top, bottom.
+type Seen = (ChunkView, [f64; 4]);
 
 /// `value` as a sum of two.
 fn split(value: f64) -> [f32; 2] {
@@ -168,7 +171,7 @@ impl Chunks {
         let (y0, y1) = (f64::from(rect.y0), f64::from(rect.y1));
         let touches = |b: &[f64; 4]| b[0] <= x1 && b[1] >= x0 && b[2] <= y1 && b[3] >= y0;
         let mut views = 0;
-        let mut of_part = |part: &Vec<Option<(ChunkView, [f64; 4])>>| {
+        let mut of_part = |part: &Vec<Option<Seen>>| {
             let visible = part.iter().flatten().filter(|(_, bounds)| touches(bounds));
             visible
                 .map(|(chunk, _)| {
@@ -189,7 +192,7 @@ fn count(model: &Model, leaf: LeafId, chunk: u32) -> u32 {
     CHUNK.min(surfels - chunk as usize * CHUNK) as u32
 }
 
-fn chunk_view(model: &Model, view: &View, (leaf, number): (LeafId, u32), first: u32) -> Option<(ChunkView, [f64; 4])> {
+fn chunk_view(model: &Model, view: &View, (leaf, number): (LeafId, u32), first: u32) -> Option<Seen> {
     let cloud = &model.fields[leaf.0 as usize].cloud;
     let chunk = &cloud.chunks[number as usize];
     let origin = view.chunk_origin(cloud, number as usize);

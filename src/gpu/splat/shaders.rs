@@ -3,7 +3,7 @@
 use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
-use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit};
+use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
 use super::{bins, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
@@ -56,6 +56,7 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_constant("LISTS", bins::LISTS)
         .with_constant("GROUPS_NEEDED", GROUPS_NEEDED)
         .with_constant("HITS_NEEDED", HITS_NEEDED)
+        .with_constant("UNFINISHED", UNFINISHED)
         .with_constant("FIRST_PIXEL", FIRST_PIXEL)
         .with_constant("GRAZING_COSINE_SQUARED", rows::GRAZING_COSINE_SQUARED)
         .with_constant("SURE_WEIGHT", rows::SURE_WEIGHT)

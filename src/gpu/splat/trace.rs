@@ -63,12 +63,13 @@ gpu_struct! {
     }
 }
 
-/// Where the words of pixels count groups, count hits, have the most groups that a sample before took, and have the pixels' first
-/// hits.
+/// Where the words of pixels count groups, count hits, have the most groups that a sample before took, say whether a
+/// thread's loops were cut short, and have the pixels' first hits.
 pub(super) const GROUPS_NEEDED: u32 = 0;
 pub(super) const HITS_NEEDED: u32 = 1;
 pub(super) const GROUPS_MOST: u32 = 2;
-pub(super) const FIRST_PIXEL: u32 = 3;
+pub(super) const UNFINISHED: u32 = 3;
+pub(super) const FIRST_PIXEL: u32 = 4;
 
 /// How many groups and hits there is room for at first, and then what drawing took, for the next draw.
 #[derive(Debug)]
@@ -116,7 +117,8 @@ impl Scene<'_> {
     /// The layers of `rect`, that of `of`, with so many samples a pixel.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`], [`GpuError::Lost`].
+    /// [`GpuError::TooLarge`], [`GpuError::Lost`]; [`GpuError::CutShort`] where the driver ends loops early, as Mesa's llvmpipe does
+    /// after 65 535 steps of all loops of a thread together.
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -171,6 +173,9 @@ impl Scene<'_> {
             scan::exclusive(gpu, &mut commands, &offsets, rect.area() + 1)?;
             commands.submit();
             let needed: Vec<u32> = gpu.download(&pixels, FIRST_PIXEL as usize)?;
+            if needed[UNFINISHED as usize] != 0 {
+                return Err(GpuError::CutShort);
+            }
             let needed =
                 [needed[GROUPS_NEEDED as usize].max(needed[GROUPS_MOST as usize]), needed[HITS_NEEDED as usize]];
             if needed[0] > group_room || needed[1] > hit_room {
