@@ -42,7 +42,7 @@ struct Layers {
 }
 
 /// Pixels on a side.
-const SIDE: u32 = 256;
+const SIDE: u32 = 160;
 
 fn layers(name: &'static str) -> Vec<Layers> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("data/{name}.toml"));
