@@ -29,3 +29,14 @@ fn begins_inside(slot: u32, pixel: vec2<u32>) -> bool {
     let at = vec2<f32>(pixel + frame.origin);
     return side.x * at.x + side.y * at.y + side.z <= 0.0;
 }
+
+// Whether the driver has ended a loop of this thread before its time, without a word: then it ends this one too. Its length is not
+// known beforehand, so that it stays a loop.
+fn is_cut_short() -> bool {
+    let turns = 2u + frame.is_perspective;
+    var turn = 0u;
+    while turn < turns {
+        turn++;
+    }
+    return turn < turns;
+}

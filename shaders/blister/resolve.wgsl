@@ -155,12 +155,11 @@ fn resolve(thread: Thread) {
         last_kept = peel;
         found++;
         if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
-            node = 0u;
+            break;
         }
     }
     kept[pixel] = found;
-    // A driver may end loops that take long.
-    if node != 0u {
+    if is_cut_short() {
         atomicMax(&length, CUT_SHORT);
     }
 }

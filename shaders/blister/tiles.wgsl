@@ -131,12 +131,11 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
             after[word_of(slot)] |= bit_of(slot);
         }
     }
-    if next.count == 0u {
+    if next.count == 0u && !is_cut_short() {
         return 0u;
     }
     var was = eval_after();
     var found = 0u;
-    var is_complete = false;
     loop {
         for (var word = 0u; word < WORDS; word++) {
             before[word] = after[word];
@@ -190,7 +189,6 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
                 keep_boundary(pixel, found, layer.key, pieces[piece].surface, behind, is_front);
                 found++;
                 if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
-                    is_complete = true;
                     break;
                 }
             }
@@ -204,12 +202,10 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
             look_at(single(i), key_of_piece(single(i), within_f), layer.key);
         }
         if next.count == 0u {
-            is_complete = true;
             break;
         }
     }
-    // A driver may end loops that take long.
-    if !is_complete {
+    if is_cut_short() {
         atomicMax(&length, CUT_SHORT);
     }
     return found;
