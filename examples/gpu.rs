@@ -133,10 +133,11 @@ fn row(
             let frame = MeshFrame::new(model, camera.clone(), LayerLimit::Nearest, 1);
             gpu.take_work();
             let start = cpu_ms();
-            let frame = GpuMeshFrame::new(gpu, frame, classifier)?.bounded(is_bounded).with_first_length(length);
+            let frame = GpuMeshFrame::new(frame, classifier).bounded(is_bounded).with_first_length(length);
+            let whole = PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height };
+            frame.upload(gpu, whole, 0)?;
             gpu.wait()?;
             let prepared = cpu_ms();
-            let whole = PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height };
             let layers = gpu.checked(|| frame.draw(gpu, whole))?;
             gpu.wait()?;
             length = frame.length();

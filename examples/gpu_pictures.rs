@@ -73,7 +73,7 @@ fn row(gpu: &Gpu, path: &Path, side: u32) -> anyhow::Result<Vec<String>> {
     if !has_surfels(&loaded)? {
         let model = mesh_model(&loaded, &camera, Density::default())?;
         let frame = |limit| MeshFrame::new(&model, camera.clone(), limit, 1);
-        let on_gpu = |limit| Ok(GpuMeshFrame::new(gpu, frame(limit), Classifier::default())?);
+        let on_gpu = |limit| Ok(GpuMeshFrame::new(frame(limit), Classifier::default()));
         return cells(gpu, &loaded, &|limit| LayerStack::collect(&frame(limit)), &on_gpu);
     }
     let settings = SplatSettings::default();

@@ -12,7 +12,8 @@ fn pixel_count() -> u32 {
 // The key that a surface has at a pixel of the band: the same bits for all surfaces of one plane.
 fn key_at(key: vec3<f32>, anchor: vec2<f32>, range: vec2<f32>, pixel: vec2<u32>) -> f32 {
     let offset = vec2<f32>(pixel + frame.origin) - anchor;
-    return clamp(key.x * offset.x + key.y * offset.y + key.z, range.x, range.y);
+    // Fused wherever it stands, so that no compiler fuses it in one place and not in another.
+    return clamp(fma(key.x, offset.x, fma(key.y, offset.y, key.z)), range.x, range.y);
 }
 
 fn is_sheet(slot: u32) -> bool {
@@ -27,7 +28,7 @@ fn is_endless(slot: u32) -> bool {
 fn begins_inside(slot: u32, pixel: vec2<u32>) -> bool {
     let side = slots[slot].begins;
     let at = vec2<f32>(pixel + frame.origin);
-    return side.x * at.x + side.y * at.y + side.z <= 0.0;
+    return side.x * at.x + side.y * at.y + side.z < 0.0;
 }
 
 // Whether the driver has ended a loop of this thread before its time, without a word: then it ends this one too. Its length is not

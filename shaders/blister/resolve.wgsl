@@ -102,7 +102,8 @@ fn resolve(thread: Thread) {
         for (var word = 0u; word < WORDS; word++) {
             before[word] = after[word];
         }
-        while node != 0u && nodes[node - 1u].key == key {
+        // The first is a member whatever its key, so that the list gets shorter.
+        while node != 0u && (node == peel || nodes[node - 1u].key == key) {
             let slot = nodes[node - 1u].slot;
             if is_sheet(slot) {
                 has_sheet = true;
@@ -160,7 +161,7 @@ fn resolve(thread: Thread) {
     }
     kept[pixel] = found;
     if is_cut_short() {
-        atomicMax(&length, CUT_SHORT);
+        atomicMax(&length[1], CUT_SHORT);
     }
 }
 

@@ -1,7 +1,7 @@
 // Twin of blister/raster.rs and peel.rs in one kernel: a workgroup is a tile, a thread a pixel, which looks through the tile's
 // triangles once for each layer. Nothing is stored but boundaries, so nothing can be too much.
 
-// Where each tile's pieces are, two numbers each; from `frame.single_offsets` on, by pixel of the picture, where its single fragments
+// Where each tile's pieces are, two numbers each; from `frame.single_offsets` on, by pixel of the band, where its single fragments
 // begin, which no triangle has; and from `frame.singles` on their pieces.
 @group(0) @binding(22) var<storage, read> places: array<u32>;
 @group(0) @binding(23) var<storage, read> pieces: array<Piece>;
@@ -26,7 +26,7 @@ fn slot_of(number: u32) -> u32 {
 
 fn key_of_piece(number: u32, within: vec2<f32>) -> f32 {
     let key = pieces[number].key;
-    return clamp(key.x * within.x + key.y * within.y + key.z, pieces[number].low, pieces[number].high);
+    return clamp(fma(key.x, within.x, fma(key.y, within.y, key.z)), pieces[number].low, pieces[number].high);
 }
 
 fn covers(number: u32, within: vec2<i32>) -> bool {
@@ -68,11 +68,11 @@ fn is_closed(slot: u32) -> bool {
 }
 
 // Where a pixel's single fragments are.
-fn singles_of(whole: vec2<u32>) -> vec2<u32> {
+fn singles_of(at: vec2<u32>) -> vec2<u32> {
     if frame.singles == 0u {
         return vec2<u32>(0u);
     }
-    let pixel = frame.single_offsets + whole.y * frame.across + whole.x;
+    let pixel = frame.single_offsets + at.y * frame.size.x + at.x;
     return vec2<u32>(places[pixel], places[pixel + 1u]);
 }
 
@@ -98,7 +98,7 @@ fn resolve_tiles(thread: Thread) {
     let pixel = at.y * frame.size.x + at.x;
     let range = 2u * (tile.y * frame.tiles_across + tile.x);
     let first = places[range];
-    let own = singles_of(whole);
+    let own = singles_of(at);
     kept[pixel] = peel_pixel(pixel, at, vec2<i32>(local), first, first + places[range + 1u], own.x, own.y);
 }
 
@@ -206,7 +206,7 @@ fn peel_pixel(pixel: u32, at: vec2<u32>, within: vec2<i32>, first: u32, end: u32
         }
     }
     if is_cut_short() {
-        atomicMax(&length, CUT_SHORT);
+        atomicMax(&length[1], CUT_SHORT);
     }
     return found;
 }
@@ -215,7 +215,7 @@ fn keep_boundary(pixel: u32, number: u32, key: f32, surface: u32, behind: u32, i
     // Where there is at most one a pixel it has its place; others have to find one.
     var place = pixel;
     if frame.is_single == 0u {
-        place = atomicAdd(&length, 1u);
+        place = atomicAdd(&length[0], 1u);
     }
     if place < arrayLength(&tile_boundaries) {
         tile_boundaries[place] = TileBoundary(pixel, number, key, surface, behind, u32(is_front));
@@ -226,7 +226,7 @@ fn keep_boundary(pixel: u32, number: u32, key: f32, surface: u32, behind: u32, i
 @compute @workgroup_size(WORKGROUP)
 fn place_tile_boundaries(thread: Thread) {
     let number = thread_number(thread);
-    if number >= min(atomicLoad(&length), arrayLength(&tile_boundaries)) {
+    if number >= min(atomicLoad(&length[0]), arrayLength(&tile_boundaries)) {
         return;
     }
     let own = tile_boundaries[number];

@@ -454,13 +454,13 @@ impl Engine for MeshEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+    fn gpu_frame(&self, _: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         let FrameArgs { samples, limit } = self.frame;
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
         let frame = MeshFrame::new(&self.model, camera.clone(), limit, samples);
-        Ok(Box::new(GpuMeshFrame::new(gpu, frame, Classifier::default())?))
+        Ok(Box::new(GpuMeshFrame::new(frame, Classifier::default())))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

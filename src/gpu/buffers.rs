@@ -2,8 +2,6 @@
 
 use std::sync::atomic::Ordering;
 
-use wgpu::util::DeviceExt;
-
 use super::device::{Gpu, GpuError};
 use super::shader::WORKGROUP;
 use crate::space::PixelRect;
@@ -34,19 +32,10 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::TooLarge`] where one binding cannot hold it.
     pub fn upload<T: bytemuck::Pod>(&self, label: &str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        if (bytes.len() as u64) < LEAST_BYTES.max(std::mem::size_of::<T>() as u64) {
-            let buffer = self.storage::<T>(label, data.len())?;
-            self.write(&buffer, data);
-            return Ok(buffer);
-        }
-        self.fitting(label, bytes.len() as u64)?;
-        self.counters.uploaded.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        Ok(self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some(label),
-            contents: bytes,
-            usage: USAGES,
-        }))
+        // Not mapped when it is made: that panics where it could not be made.
+        let buffer = self.storage::<T>(label, data.len())?;
+        self.write(&buffer, data);
+        Ok(buffer)
     }
 
     /// Overwrites the beginning of `buffer`, before the commands that are submitted next.
@@ -62,12 +51,14 @@ impl Gpu {
     pub fn uniform<T: bytemuck::Pod>(&self, label: &str, value: &T) -> wgpu::Buffer {
         let mut bytes = bytemuck::bytes_of(value).to_vec();
         bytes.resize(bytes.len().next_multiple_of(LEAST_BYTES as usize), 0);
-        self.counters.uploaded.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
-            contents: &bytes,
+            size: bytes.len() as u64,
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        })
+            mapped_at_creation: false,
+        });
+        self.write(&buffer, &bytes);
+        buffer
     }
 
     /// A texture to draw the pixels of `rect` into; it begins at its first one.

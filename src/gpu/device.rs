@@ -280,7 +280,9 @@ impl Gpu {
         self.check_lost()?;
         let scopes = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory]
             .map(|filter| self.device.push_error_scope(filter));
-        let result = work();
+        // wgpu panics at a device that goes away while it waits for it.
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
+            .unwrap_or_else(|_| Err(GpuError::Lost("the driver failed while it drew".to_owned())));
         let mut first = None;
         // The innermost scope first.
         for scope in scopes.into_iter().rev() {

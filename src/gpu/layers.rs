@@ -213,6 +213,9 @@ fn drawn(source: &dyn LayerSource, rect: PixelRect) -> LayerTile {
 /// # Errors
 /// Those of `draw`; [`GpuError::TooLarge`] where a single pixel does not fit.
 pub fn in_parts(rect: PixelRect, draw: &mut dyn FnMut(PixelRect) -> Result<(), GpuError>) -> Result<(), GpuError> {
+    if rect.area() == 0 {
+        return Ok(());
+    }
     match draw(rect) {
         Err(GpuError::TooLarge { .. }) if rect.area() > 1 => {
             let (first, second) = halves(rect);

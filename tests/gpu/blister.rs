@@ -29,6 +29,7 @@ pub const TESTS: &[Test] = &[
     ("no_fragment_of_twenty_million_is_lost", no_fragment_of_twenty_million_is_lost),
     ("a_result_without_a_surface_is_empty", a_result_without_a_surface_is_empty),
     ("an_eye_inside_a_solid_sees_it_from_within", an_eye_inside_a_solid_sees_it_from_within),
+    ("an_eye_in_a_section_plane_sees_what_the_cpu_sees", an_eye_in_a_section_plane_sees_what_the_cpu_sees),
     ("a_comparison_of_different_scenes_fails", a_comparison_of_different_scenes_fails),
 ];
 
@@ -97,7 +98,7 @@ fn check(gpu: &Gpu, name: &str, loaded: &LoadedScene, samples: u32) {
         let frame = || MeshFrame::new(&model, camera.clone(), limit, samples);
         let cpu = LayerStack::collect(&frame());
         for classifier in Classifier::ALL {
-            let of_gpu = GpuMeshFrame::new(gpu, frame(), classifier).unwrap();
+            let of_gpu = GpuMeshFrame::new(frame(), classifier);
             let (wrong, all) = differing(&cpu, &drawn(gpu, &of_gpu));
             let what = format!("{name}, {limit:?}, {}", classifier.name());
             assert!(all > 1000, "{what}: only {all} pixels show anything");
@@ -127,7 +128,7 @@ fn a_list_that_is_too_short_grows(gpu: &'static Gpu) {
     let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
     let cpu = LayerStack::collect(&frame());
     for classifier in Classifier::ALL {
-        let short = GpuMeshFrame::new(gpu, frame(), classifier).unwrap().with_first_length(1);
+        let short = GpuMeshFrame::new(frame(), classifier).with_first_length(1);
         let (wrong, all) = differing(&cpu, &drawn(gpu, &short));
         assert!(wrong * 1000 <= all, "{}: {wrong} of {all}", classifier.name());
     }
@@ -188,7 +189,7 @@ fn two_hundred_layers_at_a_pixel_are_all_there(gpu: &'static Gpu) {
     let (model, camera) = plates(100, 8);
     for classifier in Classifier::ALL {
         let frame = MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
-        let frame = GpuMeshFrame::new(gpu, frame, classifier).unwrap().with_first_length(1);
+        let frame = GpuMeshFrame::new(frame, classifier).with_first_length(1);
         assert_all_plates(classifier.name(), &drawn(gpu, &frame), 100, 8);
     }
 }
@@ -197,7 +198,7 @@ fn no_fragment_of_twenty_million_is_lost(gpu: &'static Gpu) {
     // Twenty million fragments, more than one buffer holds.
     let (model, camera) = plates(50, 448);
     let frame = MeshFrame::new(&model, camera, LayerLimit::All, 1);
-    let frame = GpuMeshFrame::new(gpu, frame, Classifier::List).unwrap().with_first_length(1000);
+    let frame = GpuMeshFrame::new(frame, Classifier::List).with_first_length(1000);
     let tiles = drawn(gpu, &frame);
     assert!(tiles.len() > 1);
     assert_all_plates("list", &tiles, 50, 448);
@@ -212,7 +213,7 @@ fn a_result_without_a_surface_is_empty(gpu: &'static Gpu) {
     let model = MeshModel::new(&leaves, &nothing.finish().unwrap()).unwrap();
     for classifier in Classifier::ALL {
         let frame = MeshFrame::new(&model, down(32), LayerLimit::All, 1);
-        let tiles = drawn(gpu, &GpuMeshFrame::new(gpu, frame, classifier).unwrap());
+        let tiles = drawn(gpu, &GpuMeshFrame::new(frame, classifier));
         assert!(tiles.iter().all(|tile| tile.boundaries.is_empty()), "{}", classifier.name());
     }
 }
@@ -229,8 +230,29 @@ fn an_eye_inside_a_solid_sees_it_from_within(gpu: &'static Gpu) {
     let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
     let cpu = LayerStack::collect(&frame());
     for classifier in Classifier::ALL {
-        let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(gpu, frame(), classifier).unwrap()));
+        let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(frame(), classifier)));
         assert!(all == 96 * 80 && wrong * 1000 <= all, "{}: {wrong} of {all}", classifier.name());
+    }
+}
+
+fn an_eye_in_a_section_plane_sees_what_the_cpu_sees(gpu: &'static Gpu) {
+    let block = Solid::Box { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
+    let half = Solid::HalfSpace { point: DVec3::ZERO, normal: DVec3::X, extent: 9.0 };
+    let half = MeshLeaf { shape: MeshShape::Solid(half), ..leaf(1, block.clone()) };
+    let mut tree = TreeBuilder::default();
+    tree.leaf(LeafId(0)).leaf(LeafId(1)).and();
+    let model = MeshModel::new(&[leaf(0, block), half], &tree.finish().unwrap()).unwrap();
+    for x in [0.0, 0.5, -0.5] {
+        for lens in [Lens::FovY(40.0), Lens::Height(4.0)] {
+            let eye = DVec3::new(x, -5.0, 2.0);
+            let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, lens, 64, 64).unwrap();
+            let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
+            let cpu = LayerStack::collect(&frame());
+            for classifier in Classifier::ALL {
+                let (wrong, _) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(frame(), classifier)));
+                assert!(wrong <= 4, "eye at {x}, {lens:?}, {}: {wrong} pixels differ", classifier.name());
+            }
+        }
     }
 }
 
@@ -239,6 +261,6 @@ fn a_comparison_of_different_scenes_fails(gpu: &'static Gpu) {
     let cpu = LayerStack::collect(&MeshFrame::new(&model, camera, LayerLimit::All, 1));
     let (other, camera) = self::model(&as_meshes(loaded("bearing", (100, 100))));
     let frame = MeshFrame::new(&other, camera, LayerLimit::All, 1);
-    let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(gpu, frame, Classifier::List).unwrap()));
+    let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(frame, Classifier::List)));
     assert!(wrong * 2 > all, "only {wrong} of {all} pixels differ between a widget and a bearing");
 }

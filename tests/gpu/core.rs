@@ -62,6 +62,15 @@ fn a_lost_device_is_an_error_that_says_so(_: &'static Gpu) {
         gpu.download::<u32>(&buffer, 64)
     });
     assert!(matches!(drawn, Err(GpuError::Lost(_))), "{drawn:?}");
+    // While it draws.
+    let gpu = Gpu::open(None).unwrap();
+    let drawn = gpu.checked(|| {
+        let buffer = gpu.upload("numbers", &[0_u32; 64])?;
+        gpu.lose();
+        gpu.upload("more numbers", &[0_u32; 64])?;
+        gpu.download::<u32>(&buffer, 64)
+    });
+    assert!(matches!(drawn, Err(GpuError::Lost(_))), "{drawn:?}");
 }
 
 fn a_name_that_no_adapter_has_names_those_there_are(_: &'static Gpu) {

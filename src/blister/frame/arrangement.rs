@@ -62,7 +62,7 @@ pub(crate) struct DrawnSlot {
     pub is_sheet: bool,
     /// Whether it is certain that no ray begins inside.
     pub begins_outside: bool,
-    /// For a half-space: at the sample of pixel (x, y) rays begin inside where `a·x + b·y + c ≤ 0`. Its fragments do not tell.
+    /// For a half-space: at the sample of pixel (x, y) rays begin inside where `a·x + b·y + c < 0`. Its fragments do not tell.
     pub begins_inside: Option<[f64; 3]>,
 }
 
@@ -135,8 +135,14 @@ impl MeshFrame<'_> {
         Arranged { expression: is_open.then_some(shrunk), slots, is_nearest: self.limit == LayerLimit::Nearest }
     }
 
-    /// Hands over everything that is drawn at one of the pixels' samples. `shrunk` is that of [`arranged`](Self::arranged).
-    pub(crate) fn arrange(&self, shrunk: &Shrunk, sample: usize, sink: &mut impl Arrangement) {
+    /// Whether every fragment is of a triangle on the grid, so that what is handed over is the same for all parts of the picture.
+    pub(crate) fn is_all_on_grid(&self) -> bool {
+        self.model.solids.is_empty() && self.vertices.iter().all(|vertex| vertex[3] == place::FINE)
+    }
+
+    /// Hands over everything that is drawn at one of the pixels' samples: all triangles, and the fragments beside them within `rect`.
+    /// `shrunk` is that of [`arranged`](Self::arranged).
+    pub(crate) fn arrange(&self, shrunk: &Shrunk, sample: usize, rect: PixelRect, sink: &mut impl Arrangement) {
         let offset = snapped_offset(self.samples, sample);
         let shift = (offset * f64::from(SUBPIXELS)).as_ivec2();
         let pass = Pass { frame: self, grid: Grid { x0: 0, y0: 0, sample: [0, 0] }, offset };
@@ -170,13 +176,15 @@ impl MeshFrame<'_> {
         }
 
         // Step 2: what has to be found pixel by pixel, tiles in parallel and then in order.
-        let tiles = PixelRect::tiles(self.view.camera.width, self.view.camera.height, TILE_SIDE);
+        let mut tiles = PixelRect::tiles(self.view.camera.width, self.view.camera.height, TILE_SIDE);
+        tiles.retain(|tile| tile.x0 < rect.x1 && rect.x0 < tile.x1 && tile.y0 < rect.y1 && rect.y0 < tile.y1);
         let found: Vec<Vec<(u32, u32, Found)>> = tiles
             .into_par_iter()
             .map(|tile| self.fragments_of(tile, shift.to_array(), offset, any_beyond, &slot_of))
             .collect();
         let mut of_triangle: HashMap<u32, u32> = HashMap::new();
-        for (x, y, found) in found.into_iter().flatten() {
+        let is_within = |x: u32, y: u32| (rect.x0..rect.x1).contains(&x) && (rect.y0..rect.y1).contains(&y);
+        for (x, y, found) in found.into_iter().flatten().filter(|(x, y, _)| is_within(*x, *y)) {
             let slot_of_triangle = |number: u32| {
                 let meshlet = self.model.meshlets.partition_point(|meshlet| meshlet.first <= number) - 1;
                 slot_of(self.model.meshlets[meshlet].leaf).expect("only leaves of the expression are drawn")
@@ -314,9 +322,12 @@ fn snapped_offset(samples: u32, sample: usize) -> DVec2 {
 
 fn drawn(slot: u32, key: &Key, anchor: [f32; 2], normal: Vec3, colour: SurfaceColour) -> DrawnSurface {
     let at_anchor = key.over.at(f64::from(anchor[0]), f64::from(anchor[1]));
+    let of_plane = [key.over.x as f32, key.over.y as f32, at_anchor as f32];
+    // A plane that holds the eye says nothing of depth: its least key, as the CPU's clamp of NaN has it.
+    let is_sound = of_plane.iter().all(|number| number.is_finite());
     DrawnSurface {
         slot,
-        key: [key.over.x as f32, key.over.y as f32, at_anchor as f32],
+        key: if is_sound { of_plane } else { [0.0, 0.0, key.low] },
         anchor,
         range: [key.low, key.high],
         normal,

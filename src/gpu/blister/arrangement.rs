@@ -58,14 +58,14 @@ gpu_struct! {
         is_bounded: u32,
         /// 1 where a pixel has one boundary at most.
         is_single: u32,
-        /// Pixels of the picture across.
-        across: u32,
         /// Tiles of the picture across.
         tiles_across: u32,
         /// Where in `places` single fragments are.
         single_offsets: u32,
         /// Where in `places` their pieces are; 0 where there are none.
         singles: u32,
+        /// Nothing.
+        spare: u32,
     }
 }
 
@@ -94,7 +94,7 @@ gpu_struct! {
         colour: [f32; 3],
         /// 0 to 1.
         opacity: f32,
-        /// Rays begin inside a half-space where this, times (x, y, 1), is not positive.
+        /// Rays begin inside a half-space where this, times (x, y, 1), is negative.
         begins: [f32; 3],
         /// Its index in the scene.
         leaf: u32,
@@ -319,19 +319,25 @@ impl Arrangement for Gathered {
 }
 
 impl Uploaded {
-    /// One of the samples of `frame`; `None` where the expression is a constant, and nothing is to be drawn.
+    /// One of the samples of `frame`, for drawing `rect`; `None` where the expression is a constant, and nothing is to be drawn.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for geometry that fits no buffer.
-    pub fn new(gpu: &Gpu, frame: &MeshFrame, sample: usize, has_tiles: bool) -> Result<Option<Self>, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        frame: &MeshFrame,
+        sample: usize,
+        rect: PixelRect,
+        has_tiles: bool,
+    ) -> Result<Option<Self>, GpuError> {
         let Arranged { expression, slots, is_nearest } = frame.arranged(sample);
         let Some(expression) = expression else { return Ok(None) };
         let mut gathered = Gathered { extents: vec![Extent::default(); slots.len()], ..Gathered::default() };
-        frame.arrange(&expression, sample, &mut gathered);
+        frame.arrange(&expression, sample, rect, &mut gathered);
         let Gathered { mut corners, fragments, surfaces, extents } = gathered;
         let camera = frame.camera_of();
         let size = [camera.width, camera.height];
-        let pieces = has_tiles.then(|| Pieces::new(size, &corners, &fragments, &surfaces));
+        let pieces = has_tiles.then(|| Pieces::new(size, &corners, (rect, &fragments), &surfaces));
         let triangles = corners.len() as u32 / 3;
         corners.extend_from_slice(&fragments);
         let steps: Vec<Step> = expression.steps().iter().map(step).collect();
@@ -374,7 +380,6 @@ impl Uploaded {
                 endless: endless as u32,
                 slots: looks.len() as u32,
                 is_single: u32::from(is_nearest && slots.iter().all(|slot| slot.opacity >= 1.0)),
-                across: camera.width,
                 tiles_across: pieces.as_ref().map_or(0, |pieces| pieces.tiles_across),
                 single_offsets,
                 singles,

@@ -1,6 +1,7 @@
 //! One frame of the mesh pipeline on the GPU: a [`GpuLayerSource`].
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
 
 use super::arrangement::Uploaded;
 use super::{list, peel, tiles};
@@ -48,12 +49,16 @@ pub struct Peeling {
     pub rejected: u64,
 }
 
+/// One sample of a frame, uploaded; `None` where nothing is to be drawn.
+#[derive(Debug, Clone)]
+pub struct Sample(Option<Rc<Uploaded>>);
+
 /// A frame of the mesh pipeline, drawn by the GPU.
 #[derive(Debug)]
 pub struct GpuMeshFrame<'a> {
     pub(super) frame: MeshFrame<'a>,
-    /// By sample; `None` where nothing is to be drawn.
-    uploaded: Vec<Option<Uploaded>>,
+    /// By sample: what was uploaded last, and for which part of the picture.
+    uploaded: RefCell<Vec<Option<(PixelRect, Sample)>>>,
     classifier: Classifier,
     /// Whether peeling keeps within the superset.
     pub(super) is_bounded: bool,
@@ -63,16 +68,28 @@ pub struct GpuMeshFrame<'a> {
 }
 
 impl<'a> GpuMeshFrame<'a> {
-    /// Uploads `frame`, to be classified as `classifier` says.
+    /// Of `frame`, to be classified as `classifier` says.
+    pub fn new(frame: MeshFrame<'a>, classifier: Classifier) -> Self {
+        let uploaded = RefCell::new(vec![None; frame.sample_count() as usize]);
+        let (length, peeling) = Default::default();
+        Self { frame, uploaded, classifier, is_bounded: true, length, peeling }
+    }
+
+    /// One of the samples, uploaded to draw `rect`.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] for geometry that fits no buffer.
-    pub fn new(gpu: &Gpu, frame: MeshFrame<'a>, classifier: Classifier) -> Result<Self, GpuError> {
-        let has_tiles = classifier == Classifier::Tiles;
-        let samples = 0..frame.sample_count() as usize;
-        let uploaded = samples.map(|sample| Uploaded::new(gpu, &frame, sample, has_tiles)).collect::<Result<_, _>>()?;
-        let (length, peeling) = Default::default();
-        Ok(Self { frame, uploaded, classifier, is_bounded: true, length, peeling })
+    /// [`GpuError::TooLarge`] where it fits no buffer: fragments that are none of triangles do for a smaller rectangle.
+    pub fn upload(&self, gpu: &Gpu, rect: PixelRect, sample: usize) -> Result<Sample, GpuError> {
+        let mut uploaded = self.uploaded.borrow_mut();
+        if let Some((of, uploaded)) = &uploaded[sample]
+            && (*of == rect || self.frame.is_all_on_grid())
+        {
+            return Ok(uploaded.clone());
+        }
+        let has_tiles = self.classifier == Classifier::Tiles;
+        let new = Sample(Uploaded::new(gpu, &self.frame, sample, rect, has_tiles)?.map(Rc::new));
+        uploaded[sample] = Some((rect, new.clone()));
+        Ok(new)
     }
 
     /// Whether peeling keeps within a superset of the result: it does unless this says otherwise.
@@ -119,13 +136,16 @@ impl GpuLayerSource for GpuMeshFrame<'_> {
     }
 
     fn draw(&self, gpu: &Gpu, rect: PixelRect) -> Result<GpuLayers, GpuError> {
-        let empty = || GpuLayers::upload(gpu, &LayerTile::empty(rect));
-        if let [only] = &self.uploaded[..] {
-            return only.as_ref().map_or_else(empty, |uploaded| self.draw_sample(gpu, uploaded, rect));
+        let draw = |sample: usize| match self.upload(gpu, rect, sample)? {
+            Sample(Some(uploaded)) => self.draw_sample(gpu, &uploaded, rect),
+            Sample(None) => GpuLayers::upload(gpu, &LayerTile::empty(rect)),
+        };
+        if self.samples() == 1 {
+            return draw(0);
         }
         let mut passes = Vec::new();
-        for uploaded in self.uploaded.iter().flatten() {
-            passes.push(self.draw_sample(gpu, uploaded, rect)?.download(gpu)?);
+        for sample in 0..self.samples() as usize {
+            passes.push(draw(sample)?.download(gpu)?);
         }
         GpuLayers::upload(gpu, &merged(rect, &passes))
     }

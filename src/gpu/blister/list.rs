@@ -26,7 +26,7 @@ pub(super) fn draw(
     with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
         let heads = gpu.storage::<u32>("heads", rect.area())?;
         let nodes = gpu.storage::<Fragment>("nodes", room)?;
-        let length = gpu.storage::<u32>("length", 1)?;
+        let length = gpu.storage::<u32>("length", 2)?;
         raster(gpu, uploaded, rect, &length, &heads, &nodes)?;
         let needed = gpu.download::<u32>(&length, 1)?[0] as usize;
         let layers = (needed <= room).then(|| resolve(gpu, uploaded, rect, &length, &heads, &nodes)).transpose()?;
@@ -91,7 +91,7 @@ fn resolve(
     commands.dispatch(&resolve, &gpu.bind(&resolve, &buffers), pixels);
     scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
     commands.submit();
-    if gpu.download::<u32>(length, 1)?[0] == CUT_SHORT {
+    if gpu.download::<u32>(length, 2)?[1] == CUT_SHORT {
         return Err(GpuError::CutShort);
     }
     write_with(gpu, uploaded, &frame, rect, kept, "write_list", &[(7, nodes), (13, heads)])

@@ -45,12 +45,16 @@ const ALL_ORDERS: u32 = LAST_KEY - FIRST_KEY + 1;
 /// What a kernel says where the driver ended one of its loops: llvmpipe allows a thread 65 535 turns, and says nothing.
 pub(super) const CUT_SHORT: u32 = u32::MAX;
 
+/// Fragments that are counted: far more than one buffer holds, and far fewer than a counter does.
+const MOST_COUNTED: u32 = 1 << 31;
+
 /// The module, for states of so many words.
 pub(super) fn shader(words: u32) -> Shader {
     Shader::new("blister")
         .with_constant("WORDS", words)
         .with_constant("NO_SLOT", NO_SLOT)
         .with_constant("CUT_SHORT", CUT_SHORT)
+        .with_constant("MOST_COUNTED", MOST_COUNTED)
         .with_constant("STEP_INSIDE", INSIDE)
         .with_constant("STEP_OUTSIDE", OUTSIDE)
         .with_constant("BOUNDARY_FRONT", flags::BOUNDARY_FRONT)

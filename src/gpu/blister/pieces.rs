@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::arrangement::{PlacedCorner, Surface, flags};
 use crate::gpu_struct;
+use crate::space::PixelRect;
 
 /// Pixels of a tile's side: as many pixels as a workgroup has threads.
 pub(super) const TILE: u32 = 8;
@@ -63,7 +64,7 @@ pub(super) struct Pieces {
     /// By tile, row by row: its first piece, and how many.
     pub tiles: Vec<[u32; 2]>,
     pub pieces: Vec<Piece>,
-    /// By pixel of the picture, row by row, where its single fragments begin; empty without any.
+    /// By pixel of the rectangle that is drawn, row by row, where its single fragments begin; empty without any.
     pub single_offsets: Vec<u32>,
     /// Of single fragments: their pieces.
     pub singles: Vec<u32>,
@@ -117,8 +118,13 @@ fn piece(surface: &Surface, number: u32, [x, y]: [u32; 2], edges: [[i32; 3]; 3])
 
 impl Pieces {
     /// Of a picture of `size`: `corners` are three for each triangle, and surface i is that of triangle i; `singles` are the fragments
-    /// beside them.
-    pub fn new(size: [u32; 2], corners: &[PlacedCorner], singles: &[PlacedCorner], surfaces: &[Surface]) -> Self {
+    /// beside them in the rectangle that is drawn.
+    pub fn new(
+        size: [u32; 2],
+        corners: &[PlacedCorner],
+        (rect, singles): (PixelRect, &[PlacedCorner]),
+        surfaces: &[Surface],
+    ) -> Self {
         let [across, down] = size.map(|side| side.div_ceil(TILE));
         // Step 1: tasks of triangles in parallel, joined in their order.
         const A_TASK: usize = 3 * 1024;
@@ -148,14 +154,15 @@ impl Pieces {
         }
         let mut all = Self { tiles_across: across, tiles, pieces, ..Self::default() };
         if !singles.is_empty() {
-            all.place_singles(size, singles, surfaces);
+            all.place_singles(rect, singles, surfaces);
         }
         all
     }
 
-    fn place_singles(&mut self, size: [u32; 2], singles: &[PlacedCorner], surfaces: &[Surface]) {
-        let pixel = |corner: &PlacedCorner| (corner.y as u32 * size[0] + corner.x as u32) as usize;
-        self.single_offsets = vec![0; (size[0] * size[1]) as usize + 1];
+    fn place_singles(&mut self, rect: PixelRect, singles: &[PlacedCorner], surfaces: &[Surface]) {
+        let pixel =
+            |corner: &PlacedCorner| ((corner.y as u32 - rect.y0) * rect.width() + corner.x as u32 - rect.x0) as usize;
+        self.single_offsets = vec![0; rect.area() + 1];
         singles.iter().for_each(|corner| self.single_offsets[pixel(corner) + 1] += 1);
         for i in 1..self.single_offsets.len() {
             self.single_offsets[i] += self.single_offsets[i - 1];
@@ -233,7 +240,8 @@ mod tests {
             let square = [(2.5, 1.5), (37.5, 3.5), (33.5, 29.5), (4.5, 25.5)];
             let corner = |i: usize, surface| at(square[i].0, square[i].1, surface);
             let corners = [corner(0, 0), corner(1, 0), corner(2, 0), corner(0, 1), corner(3, 1), corner(2, 1)];
-            let pieces = Pieces::new([48, 48], &corners, &[], &[surface, surface]);
+            let pieces =
+                Pieces::new([48, 48], &corners, (PixelRect { x0: 0, y0: 0, x1: 48, y1: 48 }, &[]), &[surface, surface]);
             let mut counts = [[0; 48]; 48];
             for (tile, range) in pieces.tiles.iter().enumerate() {
                 let (x0, y0) = (tile as u32 % pieces.tiles_across * TILE, tile as u32 / pieces.tiles_across * TILE);

@@ -30,7 +30,7 @@ pub(super) fn draw(
     with_room(gpu, &frame.length, of, pixels * FIRST_BOUNDARIES_A_PIXEL, |room| {
         let room = if is_single { pixels } else { room };
         let kept = gpu.storage::<u32>("kept", pixels + 1)?;
-        let length = gpu.storage::<u32>("length", 1)?;
+        let length = gpu.storage::<u32>("length", 2)?;
         let boundaries = gpu.storage::<TileBoundary>("boundaries", room)?;
         let mut commands = gpu.commands();
         let resolve = gpu.kernel(&shader, "resolve_tiles");
@@ -49,8 +49,8 @@ pub(super) fn draw(
         commands.dispatch_groups(&resolve, &gpu.bind(&resolve, &buffers), groups);
         scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
         commands.submit();
-        let found = gpu.download::<u32>(&length, 1)?[0];
-        if found == CUT_SHORT {
+        let lengths = gpu.download::<u32>(&length, 2)?;
+        if lengths[1] == CUT_SHORT {
             // Lists take fewer turns.
             return list::draw(gpu, frame, uploaded, rect).map(|layers| (room, Some(layers)));
         }
@@ -58,7 +58,7 @@ pub(super) fn draw(
             let layers = list::write_with(gpu, uploaded, &band, rect, kept, "write_single", &[(24, &boundaries)])?;
             return Ok((pixels, Some(layers)));
         }
-        let found = found as usize;
+        let found = lengths[0] as usize;
         if found > room {
             return Ok((found, None));
         }

@@ -12,6 +12,10 @@ use crate::splat::bins::BLOCK;
 /// Lists of a block.
 pub(super) const LISTS: u32 = 2;
 
+/// Blocks of a band at most: a surfel around the eye is put into all of them by one thread, and llvmpipe ends the loops of a thread
+/// after 65 535 turns without a word.
+const MOST_BLOCKS: u32 = 60_000;
+
 /// The lists of all blocks of a grid.
 #[derive(Debug)]
 pub(super) struct Bins {
@@ -39,6 +43,14 @@ impl Bins {
         let shader = shader();
         let [count, fill, sort] = ["bin_count", "bin_fill", "bin_sort"].map(|entry| gpu.kernel(&shader, entry));
         let [_, _, across, down] = of.grid;
+        let (blocks, most) = (u64::from(across) * u64::from(down), u64::from(MOST_BLOCKS));
+        if blocks > most {
+            return Err(GpuError::TooLarge {
+                what: "the blocks of a band, a byte each,".to_owned(),
+                needed: blocks,
+                limit: most,
+            });
+        }
         let lists = (LISTS * across * down) as usize;
         let uniform = gpu.uniform("splat view", of);
         let starts = gpu.storage::<u32>("lists", lists + 1)?;

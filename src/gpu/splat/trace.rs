@@ -88,19 +88,29 @@ impl Room {
         [&self.groups, &self.hits].map(|room| room.load(Ordering::Relaxed))
     }
 
-    /// For as many as were asked for, but no more than a few times what there was, or than one buffer holds while that is more:
-    /// `needed` may be far too large.
-    fn grow(&self, gpu: &Gpu, needed: [u32; 2], pixels: u32) {
+    /// For as many as were asked for, but no more than a few times what there was: `needed` may be far too large. Never more than one
+    /// buffer holds, since other rectangles share the room.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where one buffer does not hold what this rectangle needs.
+    fn grow(&self, gpu: &Gpu, needed: [u32; 2], pixels: u32) -> Result<(), GpuError> {
         const FACTOR: u32 = 4;
-        let grow = |room: &AtomicU32, needed: u32, size: usize| {
-            let most = (gpu.largest_binding() / size as u64) as u32;
+        let grow = |what: &str, room: &AtomicU32, needed: u32, size: usize| {
+            let limit = gpu.largest_binding();
+            let most = (limit / size as u64) as u32;
             let before = room.load(Ordering::Relaxed);
-            let next = needed.min(before.saturating_mul(FACTOR).max(pixels));
-            let next = if before < most { next.min(most) } else { next };
-            room.fetch_max(next, Ordering::Relaxed);
+            if needed > before && before >= most {
+                return Err(GpuError::TooLarge {
+                    what: what.to_owned(),
+                    needed: u64::from(needed) * size as u64,
+                    limit,
+                });
+            }
+            room.fetch_max(needed.min(before.saturating_mul(FACTOR).max(pixels)).min(most), Ordering::Relaxed);
+            Ok(())
         };
-        grow(&self.groups, needed[0], std::mem::size_of::<Group>());
-        grow(&self.hits, needed[1], std::mem::size_of::<Hit>());
+        grow("groups of fragments", &self.groups, needed[0], std::mem::size_of::<Group>())?;
+        grow("hits", &self.hits, needed[1], std::mem::size_of::<Hit>())
     }
 }
 
@@ -179,7 +189,7 @@ impl Scene<'_> {
             let needed =
                 [needed[GROUPS_NEEDED as usize].max(needed[GROUPS_MOST as usize]), needed[HITS_NEEDED as usize]];
             if needed[0] > group_room || needed[1] > hit_room {
-                room.grow(gpu, needed, rect.area() as u32);
+                room.grow(gpu, needed, rect.area() as u32)?;
                 continue;
             }
             let total = gpu.download_from::<u32>(&offsets, 4 * rect.area() as u64, 1)?[0] as usize;
