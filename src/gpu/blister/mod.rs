@@ -7,13 +7,15 @@
 //! *Theory.* Blister §3-4; what a boundary is, who owns it and what lies behind are as in [`blister`](crate::blister).
 //!
 //! *Changes from the paper.* WGSL has no `f64`, so vertices are projected and snapped on the CPU, as for its own pipeline: then both
-//! cover the same samples. Four ways to classify what is drawn: `list` puts every fragment into its pixel's list in one pass and
-//! resolves the lists in compute (the default: the fastest on lavapipe); `tiles` looks through the triangles of a small tile once for each layer, in compute; `running` and `parity` peel, the first carrying every leaf's membership from layer to layer, the
-//! second testing every leaf's parity at every layer anew, as the paper does. Both sides of a layer are asked (§4.3 and Fig. 12 of the
-//! paper disagree on ties), and all of its coincident fragments toggle together.
+//! cover the same samples. There are four ways to classify what is drawn. `list` puts every fragment into its pixel's list in one pass
+//! and resolves the lists in compute (the default: the fastest on lavapipe). `tiles` looks through the triangles of a small tile once for
+//! each layer, in compute. `running` and `parity` peel, the first carrying every leaf's membership from layer to layer, the second testing
+//! every leaf's parity at every layer anew, as the paper does. Both sides of a layer are asked (§4.3 and Fig. 12 of the paper disagree on
+//! ties), and all of its coincident fragments toggle together.
 //!
-//! *Practice.* [`arrangement`] is what is uploaded; `list` and `peel` draw it, with the pipelines of `draws`. A band that needs more than one buffer's worth of fragments
-//! is refused with [`GpuError::TooLarge`](super::GpuError::TooLarge), and drawn in parts by whoever asked.
+//! *Practice.* [`arrangement`] is what is uploaded; `list`, `tiles` and `peel` draw it, the rasterising ones with the pipelines of `draws`. A
+//! band that needs more than one buffer's worth of fragments is refused with [`GpuError::TooLarge`](super::GpuError::TooLarge), and drawn
+//! in parts by whoever asked.
 
 pub mod arrangement;
 mod draws;
