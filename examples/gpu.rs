@@ -9,7 +9,9 @@
 //! Times are milliseconds of processor time over all threads, medians of repeats; on a software adapter that is all there is to a
 //! frame, on hardware it is what is left to the processor.
 
+use std::cell::Cell;
 use std::path::Path;
+use std::rc::Rc;
 
 use anyhow::{Context, bail};
 use glam::DQuat;
@@ -127,20 +129,19 @@ fn row(
     let (mut differing, mut covered) = (0, 0);
     let mut work = surfcut::gpu::device::Work::default();
     // Lists are as long as the frame before needed.
-    let mut length = 0;
+    let length = Rc::new(Cell::new(0));
     for repeat in 0..=REPEATS {
         for camera in cameras {
             let frame = MeshFrame::new(model, camera.clone(), LayerLimit::Nearest, 1);
             gpu.take_work();
             let start = cpu_ms();
-            let frame = GpuMeshFrame::new(frame, classifier).bounded(is_bounded).with_first_length(length);
+            let frame = GpuMeshFrame::new(frame, classifier).bounded(is_bounded).with_length(Rc::clone(&length));
             let whole = PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height };
             frame.upload(gpu, whole, 0)?;
             gpu.wait()?;
             let prepared = cpu_ms();
             let layers = gpu.checked(|| frame.draw(gpu, whole))?;
             gpu.wait()?;
-            length = frame.length();
             if repeat > 0 {
                 prepare.push(prepared - start);
                 draw.push(cpu_ms() - prepared);

@@ -132,6 +132,23 @@ impl LayerTile {
         Self { rect, offsets, boundaries }
     }
 
+    /// The passes over one rectangle, a sample each, as one tile with sample masks.
+    pub fn of_samples(rect: PixelRect, passes: &[Self]) -> Self {
+        let mut merged = Self { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
+        merged.offsets.push(0);
+        for y in rect.y0..rect.y1 {
+            for x in rect.x0..rect.x1 {
+                if passes.iter().any(|pass| !pass.at(x, y).is_empty()) {
+                    let mut merger = SampleMerger::default();
+                    passes.iter().for_each(|pass| merger.add(pass.at(x, y).iter().copied()));
+                    merged.boundaries.extend(merger.finish());
+                }
+                merged.offsets.push(merged.boundaries.len() as u32);
+            }
+        }
+        merged
+    }
+
     /// The boundaries of the pixel at column `x`, row `y` of the *picture*, front to back.
     pub fn at(&self, x: u32, y: u32) -> &[Boundary] {
         let index = ((y - self.rect.y0) * self.rect.width() + (x - self.rect.x0)) as usize;

@@ -27,9 +27,7 @@ use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
 use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
-use crate::layers::{
-    LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, SampleMerger, TILE_SIDE, sample_offsets,
-};
+use crate::layers::{LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
 
 /// A frame of a [`MeshModel`].
@@ -380,7 +378,7 @@ impl<'a> MeshFrame<'a> {
             passes.push(tile);
         }
         if let Target::Layers(parts) = target {
-            parts.push(if passes.len() == 1 { passes.swap_remove(0) } else { merged(wanted, &passes) });
+            parts.push(if passes.len() == 1 { passes.swap_remove(0) } else { LayerTile::of_samples(wanted, &passes) });
         }
     }
 
@@ -540,23 +538,6 @@ impl Settling {
         self.last = scratch.fragments.begun;
         self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
     }
-}
-
-/// The passes of a tile, a sample each, as one tile.
-fn merged(rect: PixelRect, passes: &[LayerTile]) -> LayerTile {
-    let mut merged = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
-    merged.offsets.push(0);
-    for y in rect.y0..rect.y1 {
-        for x in rect.x0..rect.x1 {
-            if passes.iter().any(|pass| !pass.at(x, y).is_empty()) {
-                let mut merger = SampleMerger::default();
-                passes.iter().for_each(|pass| merger.add(pass.at(x, y).iter().copied()));
-                merged.boundaries.extend(merger.finish());
-            }
-            merged.offsets.push(merged.boundaries.len() as u32);
-        }
-    }
-    merged
 }
 
 /// The column and row of a block's pixel.

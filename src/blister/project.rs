@@ -19,7 +19,7 @@ use super::raster::Key;
 use crate::space::{Camera, Projection};
 
 /// Positions of the grid within a pixel, each way.
-pub(super) const SUBPIXELS: i32 = 256;
+pub(crate) const SUBPIXELS: i32 = 256;
 
 /// Vertices further than this aside, in pixels from the picture's corner, do not go through the integer rasteriser. The
 /// span from [`LEAST_PX`] to [`MOST_PX`] is 2^16 pixels, so the difference of two positions has 24 bits, an edge function

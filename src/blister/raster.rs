@@ -168,7 +168,7 @@ impl Bounds {
 
 /// The top-left rule: whether samples exactly on the edge belong to the triangle. True for just one direction of an edge.
 #[inline(always)]
-pub(super) fn owns_zero(dx: i32, dy: i32) -> bool {
+pub(crate) fn owns_zero(dx: i32, dy: i32) -> bool {
     dy < 0 || (dy == 0 && dx > 0)
 }
 

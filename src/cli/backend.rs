@@ -66,11 +66,14 @@ impl<'s> Device<'s> {
 
     #[cfg(feature = "gpu")]
     fn opened(args: &BackendArgs, is_required: bool, session: &'s Session) -> Result<Option<Self>, BackendError> {
-        use surfcut::gpu::device;
-        if !is_required && device::list().first().is_none_or(device::AdapterText::is_software) {
-            return Ok(None);
-        }
-        let gpu = Gpu::open(args.gpu.as_deref())?;
+        let gpu = if is_required {
+            Gpu::open(args.gpu.as_deref())?
+        } else {
+            match Gpu::open_hardware()? {
+                Some(gpu) => gpu,
+                None => return Ok(None),
+            }
+        };
         Ok(Some(Self { gpu, is_required, session, has_fallen_back: std::cell::Cell::new(false) }))
     }
 
@@ -119,6 +122,9 @@ impl<'s> Device<'s> {
         camera: &Camera,
         draw: &dyn Fn(&dyn GpuLayerSource) -> Result<T, GpuError>,
     ) -> anyhow::Result<Option<T>> {
+        if self.has_fallen_back.get() {
+            return Ok(None);
+        }
         let mut refused = None;
         let drawn = self.gpu.checked(|| match engine.gpu_frame(&self.gpu, camera) {
             Ok(frame) => draw(&*frame).map(Some),
@@ -136,9 +142,8 @@ impl<'s> Device<'s> {
         if self.is_required {
             return Err(error.into());
         }
-        if !self.has_fallen_back.replace(true) {
-            self.session.tell(&format!("the CPU draws: {error}"));
-        }
+        self.has_fallen_back.set(true);
+        self.session.tell(&format!("the CPU draws: {error}"));
         Ok(None)
     }
 }

@@ -115,7 +115,16 @@ pub fn engine(
             }
             report.count("triangles", model.triangle_count() as u64);
             report.count("shared_planes", model.shared_plane_count() as u64);
-            let mut engine = MeshEngine { model, parts: None, leaves, tree: loaded.canonical_tree(), products, frame };
+            let mut engine = MeshEngine {
+                model,
+                parts: None,
+                leaves,
+                tree: loaded.canonical_tree(),
+                products,
+                frame,
+                #[cfg(feature = "gpu")]
+                list_length: Default::default(),
+            };
             engine.part();
             Ok(Box::new(engine))
         }
@@ -427,6 +436,9 @@ struct MeshEngine {
     /// Their models, over the same leaves.
     parts: Option<Vec<MeshModel>>,
     frame: FrameArgs,
+    /// How long the GPU's lists of fragments had to be.
+    #[cfg(feature = "gpu")]
+    list_length: std::rc::Rc<std::cell::Cell<usize>>,
 }
 
 impl MeshEngine {
@@ -460,7 +472,8 @@ impl Engine for MeshEngine {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
         let frame = MeshFrame::new(&self.model, camera.clone(), limit, samples);
-        Ok(Box::new(GpuMeshFrame::new(frame, Classifier::default())))
+        let frame = GpuMeshFrame::new(frame, Classifier::default());
+        Ok(Box::new(frame.with_length(std::rc::Rc::clone(&self.list_length))))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

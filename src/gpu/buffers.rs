@@ -74,7 +74,7 @@ impl Gpu {
         let (needed, limit) = (rect.width().max(rect.height()), self.limits.max_texture_dimension_2d);
         if needed > limit {
             let (needed, limit) = (u64::from(needed), u64::from(limit));
-            return Err(GpuError::TooLarge { what: format!("{label}'s side, a byte a pixel,"), needed, limit });
+            return Err(GpuError::TooLarge { what: format!("pixels across or down of the {label}"), needed, limit });
         }
         let texture = self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
@@ -92,7 +92,7 @@ impl Gpu {
     fn fitting(&self, what: &str, bytes: u64) -> Result<u64, GpuError> {
         let (needed, limit) = (bytes.max(LEAST_BYTES).next_multiple_of(4), self.largest_binding());
         if needed > limit {
-            return Err(GpuError::TooLarge { what: what.to_owned(), needed, limit });
+            return Err(GpuError::TooLarge { what: format!("bytes of {what}"), needed, limit });
         }
         Ok(needed)
     }

@@ -41,14 +41,14 @@ pub enum GpuError {
     /// Memory ran out.
     #[error("the GPU ran out of memory: {0}; draw a smaller picture, or with --backend cpu")]
     OutOfMemory(String),
-    /// One thing that cannot be split is larger than a buffer may be.
-    #[error("{what} needs {needed} bytes in one buffer, and the GPU's buffers hold {limit}")]
+    /// More is needed at once than the device takes: what can be drawn in parts is.
+    #[error("{needed} {what} are needed at once, and the GPU takes {limit}")]
     TooLarge {
-        /// What.
+        /// What, in the plural and with its unit.
         what: String,
-        /// Bytes.
+        /// How many.
         needed: u64,
-        /// Bytes.
+        /// How many there can be.
         limit: u64,
     },
     /// A thread had more to do than the driver allows.
@@ -199,6 +199,16 @@ impl Gpu {
             return Err(GpuError::NoSuchAdapter { name: name.unwrap_or_default().to_owned(), found });
         };
         Self::of(adapter)
+    }
+
+    /// Opens the fastest adapter that is hardware; `None` where there is none.
+    ///
+    /// # Errors
+    /// [`GpuError::Unusable`].
+    pub fn open_hardware() -> Result<Option<Self>, GpuError> {
+        let adapters = adapters();
+        let is_hardware = |adapter: &&wgpu::Adapter| !text(&adapter.get_info()).is_software();
+        adapters.iter().find(is_hardware).map(Self::of).transpose()
     }
 
     fn of(adapter: &wgpu::Adapter) -> Result<Self, GpuError> {

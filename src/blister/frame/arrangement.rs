@@ -12,7 +12,9 @@ use rayon::prelude::*;
 
 use super::super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, LANES};
 use super::super::planes::NO_PLANE;
-use super::super::project::{Affine, SUBPIXELS, place};
+pub(crate) use super::super::project::SUBPIXELS;
+use super::super::project::{Affine, place};
+pub(crate) use super::super::raster::owns_zero;
 use super::super::raster::{Grid, Key};
 use super::super::solids;
 use super::super::write::Writer;

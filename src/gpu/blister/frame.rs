@@ -8,7 +8,7 @@ use super::{list, peel, tiles};
 use crate::blister::frame::MeshFrame;
 use crate::gpu::layers::{GpuLayerSource, GpuLayers};
 use crate::gpu::{Gpu, GpuError};
-use crate::layers::{LayerTile, SampleMerger};
+use crate::layers::LayerTile;
 use crate::space::{Camera, PixelRect};
 
 /// How what is drawn is classified.
@@ -57,13 +57,13 @@ pub struct Sample(Option<Rc<Uploaded>>);
 #[derive(Debug)]
 pub struct GpuMeshFrame<'a> {
     pub(super) frame: MeshFrame<'a>,
-    /// By sample: what was uploaded last, and for which part of the picture.
-    uploaded: RefCell<Vec<Option<(PixelRect, Sample)>>>,
+    /// By sample: what was uploaded last, and for which part of the picture; `None` where it serves for all parts.
+    uploaded: RefCell<Vec<Option<(Option<PixelRect>, Sample)>>>,
     classifier: Classifier,
     /// Whether peeling keeps within the superset.
     pub(super) is_bounded: bool,
-    /// How much the last band's list had to hold.
-    pub(super) length: Cell<usize>,
+    /// How much the last band's list had to hold, in this frame or in one before it.
+    pub(super) length: Rc<Cell<usize>>,
     pub(super) peeling: Cell<Peeling>,
 }
 
@@ -82,13 +82,13 @@ impl<'a> GpuMeshFrame<'a> {
     pub fn upload(&self, gpu: &Gpu, rect: PixelRect, sample: usize) -> Result<Sample, GpuError> {
         let mut uploaded = self.uploaded.borrow_mut();
         if let Some((of, uploaded)) = &uploaded[sample]
-            && (*of == rect || self.frame.is_all_on_grid())
+            && of.is_none_or(|of| of == rect)
         {
             return Ok(uploaded.clone());
         }
         let has_tiles = self.classifier == Classifier::Tiles;
         let new = Sample(Uploaded::new(gpu, &self.frame, sample, rect, has_tiles)?.map(Rc::new));
-        uploaded[sample] = Some((rect, new.clone()));
+        uploaded[sample] = Some(((!self.frame.is_all_on_grid()).then_some(rect), new.clone()));
         Ok(new)
     }
 
@@ -105,9 +105,11 @@ impl<'a> GpuMeshFrame<'a> {
         self
     }
 
-    /// How much the last list had to hold: what [`with_first_length`](Self::with_first_length) takes for a frame much like it.
-    pub fn length(&self) -> usize {
-        self.length.get()
+    /// As [`with_first_length`](Self::with_first_length) with what the frames before needed, which share `length`: a list that was too
+    /// short is not begun too short again.
+    #[must_use]
+    pub fn with_length(self, length: Rc<Cell<usize>>) -> Self {
+        Self { length, ..self }
     }
 
     /// What peeling took so far.
@@ -147,23 +149,8 @@ impl GpuLayerSource for GpuMeshFrame<'_> {
         for sample in 0..self.samples() as usize {
             passes.push(draw(sample)?.download(gpu)?);
         }
-        GpuLayers::upload(gpu, &merged(rect, &passes))
+        GpuLayers::upload(gpu, &LayerTile::of_samples(rect, &passes))
     }
-}
-
-/// What the samples of `rect` see, as records with sample masks.
-fn merged(rect: PixelRect, passes: &[LayerTile]) -> LayerTile {
-    let mut merged = LayerTile { rect, offsets: Vec::with_capacity(rect.area() + 1), boundaries: Vec::new() };
-    merged.offsets.push(0);
-    for y in rect.y0..rect.y1 {
-        for x in rect.x0..rect.x1 {
-            let mut merger = SampleMerger::default();
-            passes.iter().for_each(|pass| merger.add(pass.at(x, y).iter().copied()));
-            merged.boundaries.extend(merger.finish());
-            merged.offsets.push(merged.boundaries.len() as u32);
-        }
-    }
-    merged
 }
 
 /// Draws with room for ever more, until there is enough: `attempt` gets the room, and returns what it would have needed, and the
@@ -187,7 +174,7 @@ pub(super) fn with_room(
         }
         if needed > most {
             let needed = needed as u64 * size as u64;
-            return Err(GpuError::TooLarge { what: what.to_owned(), needed, limit: gpu.largest_binding() });
+            return Err(GpuError::TooLarge { what: format!("bytes of {what}"), needed, limit: gpu.largest_binding() });
         }
         room = needed;
         length.set(needed);

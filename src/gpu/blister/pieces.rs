@@ -8,6 +8,8 @@
 use rayon::prelude::*;
 
 use super::arrangement::{PlacedCorner, Surface, flags};
+use crate::blister::frame::arrangement::owns_zero;
+use crate::gpu::shader::WORKGROUP;
 use crate::gpu_struct;
 use crate::space::PixelRect;
 
@@ -15,7 +17,9 @@ use crate::space::PixelRect;
 pub(super) const TILE: u32 = 8;
 
 /// Positions of the grid within a pixel.
-const SUBPIXELS: i64 = 256;
+const SUBPIXELS: i64 = crate::blister::frame::arrangement::SUBPIXELS as i64;
+
+const _: () = assert!(TILE * TILE == WORKGROUP);
 
 gpu_struct! {
     /// A surface in a tile.
@@ -84,9 +88,12 @@ impl Edge {
         let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
         let centre = SUBPIXELS / 2;
         let e = dy * (p[0] - centre) - dx * (p[1] - centre);
-        // The top-left rule: samples exactly on an edge belong to one of its two triangles.
-        let owns_zero = dy < 0 || (dy == 0 && dx > 0);
-        Self { c: (e - i64::from(!owns_zero)) >> SUBPIXELS.trailing_zeros(), right: -dy, down: dx }
+        // Differences on the grid have 24 bits.
+        Self {
+            c: (e - i64::from(!owns_zero(dx as i32, dy as i32))) >> SUBPIXELS.trailing_zeros(),
+            right: -dy,
+            down: dx,
+        }
     }
 
     /// At the first pixel of a tile; `None` where no pixel of the tile lies within, zeros where all do.

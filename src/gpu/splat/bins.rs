@@ -45,11 +45,7 @@ impl Bins {
         let [_, _, across, down] = of.grid;
         let (blocks, most) = (u64::from(across) * u64::from(down), u64::from(MOST_BLOCKS));
         if blocks > most {
-            return Err(GpuError::TooLarge {
-                what: "the blocks of a band, a byte each,".to_owned(),
-                needed: blocks,
-                limit: most,
-            });
+            return Err(GpuError::TooLarge { what: "blocks of a band".to_owned(), needed: blocks, limit: most });
         }
         let lists = (LISTS * across * down) as usize;
         let uniform = gpu.uniform("splat view", of);

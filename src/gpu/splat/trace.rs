@@ -101,7 +101,7 @@ impl Room {
             let before = room.load(Ordering::Relaxed);
             if needed > before && before >= most {
                 return Err(GpuError::TooLarge {
-                    what: what.to_owned(),
+                    what: format!("bytes of {what}"),
                     needed: u64::from(needed) * size as u64,
                     limit,
                 });
