@@ -53,12 +53,15 @@ pub struct Peeling {
 #[derive(Debug, Clone)]
 pub struct Sample(Option<Rc<Uploaded>>);
 
+/// What was uploaded, and for which part of the picture; `None` where it serves for all parts.
+type UploadedFor = (Option<PixelRect>, Sample);
+
 /// A frame of the mesh pipeline, drawn by the GPU.
 #[derive(Debug)]
 pub struct GpuMeshFrame<'a> {
     pub(super) frame: MeshFrame<'a>,
-    /// By sample: what was uploaded last, and for which part of the picture; `None` where it serves for all parts.
-    uploaded: RefCell<Vec<Option<(Option<PixelRect>, Sample)>>>,
+    /// By sample: what was uploaded last.
+    uploaded: RefCell<Vec<Option<UploadedFor>>>,
     classifier: Classifier,
     /// Whether peeling keeps within the superset.
     pub(super) is_bounded: bool,
