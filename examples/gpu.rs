@@ -4,6 +4,7 @@
 //! ```text
 //! cargo run --release --example gpu -- data/widget.toml scenes/grid10.tree.json   # these scenes
 //! cargo run --release --example gpu -- --size 1024 --views 8 SCENE…               # larger, over eight views around it
+//! cargo run --release --example gpu -- --all SCENE…                               # all boundaries, not only the nearest
 //! ```
 //!
 //! Times are milliseconds of processor time over all threads, medians of repeats; on a software adapter that is all there is to a
@@ -34,6 +35,7 @@ const REPEATS: usize = 5;
 fn main() -> anyhow::Result<()> {
     let mut side = 512;
     let mut views = 1;
+    let mut limit = LayerLimit::Nearest;
     let mut scenes = Vec::new();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -41,6 +43,7 @@ fn main() -> anyhow::Result<()> {
         match word.as_str() {
             "--size" => side = number()?,
             "--views" => views = number()?,
+            "--all" => limit = LayerLimit::All,
             _ => scenes.push(word),
         }
     }
@@ -50,9 +53,9 @@ fn main() -> anyhow::Result<()> {
     let gpu = Gpu::open(None)?;
     println!("{}, {side} x {side}, {views} views\n", gpu.adapter().name);
     println!(
-        "| scene | triangles | way | prepare ms | draw ms | passes | draws | triangles drawn | kernels | MB up | MB down | settled pixels passed by | pixels that differ |"
+        "| scene | triangles | way | prepare ms | draw ms | passes | draws | triangles drawn | kernels | MB up | MB down | settled pixels passed by | layers without a test | pixels that differ |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for name in &scenes {
         let loaded = loaded(Path::new(name), side)?;
         let camera = loaded.camera()?;
@@ -62,11 +65,13 @@ fn main() -> anyhow::Result<()> {
             .file_name()
             .map(|name| name.to_string_lossy().replace(".tree.json", "").replace(".toml", ""));
         let name = name.unwrap_or_default();
-        cpu_row(&name, &model, &cameras);
+        let chart = Chart { gpu: &gpu, name: &name, model: &model, cameras: &cameras, limit };
+        chart.cpu_row();
         for classifier in Classifier::ALL {
-            row(&gpu, &name, &model, &cameras, classifier, true)?;
+            chart.row(classifier, "", |frame| frame)?;
         }
-        row(&gpu, &name, &model, &cameras, Classifier::Running, false)?;
+        chart.row(Classifier::Running, ", no bounds", |frame| frame.bounded(false))?;
+        chart.row(Classifier::Parity, ", every layer tested", |frame| frame.short(false))?;
     }
     Ok(())
 }
@@ -102,99 +107,117 @@ fn median(mut figures: Vec<f64>) -> f64 {
     figures[figures.len() / 2]
 }
 
-fn cpu_row(name: &str, model: &MeshModel, cameras: &[Camera]) {
-    let mut times = Vec::new();
-    for _ in 0..REPEATS {
-        for camera in cameras {
-            let start = cpu_ms();
-            let frame = MeshFrame::new(model, camera.clone(), LayerLimit::Nearest, 1);
-            std::hint::black_box(LayerStack::collect(&frame));
-            times.push(cpu_ms() - start);
-        }
-    }
-    println!("| {name} | {} | CPU | | {} | | | | | | | | |", model.triangle_count(), short(median(times)));
+/// What the rows of one scene have in common.
+struct Chart<'c> {
+    gpu: &'c Gpu,
+    name: &'c str,
+    model: &'c MeshModel,
+    cameras: &'c [Camera],
+    limit: LayerLimit,
 }
 
-/// One way of classifying.
-fn row(
-    gpu: &Gpu,
-    name: &str,
-    model: &MeshModel,
-    cameras: &[Camera],
-    classifier: Classifier,
-    is_bounded: bool,
-) -> anyhow::Result<()> {
-    let (mut prepare, mut draw) = (Vec::new(), Vec::new());
-    let mut peeling = Peeling::default();
-    let (mut differing, mut covered) = (0, 0);
-    let mut work = surfcut::gpu::device::Work::default();
-    // Lists are as long as the frame before needed.
-    let length = Rc::new(Cell::new(0));
-    for repeat in 0..=REPEATS {
-        for camera in cameras {
-            let frame = MeshFrame::new(model, camera.clone(), LayerLimit::Nearest, 1);
-            gpu.take_work();
-            let start = cpu_ms();
-            let frame = GpuMeshFrame::new(frame, classifier).bounded(is_bounded).with_length(Rc::clone(&length));
-            let whole = PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height };
-            frame.upload(gpu, whole, 0)?;
-            gpu.wait()?;
-            let prepared = cpu_ms();
-            let layers = gpu.checked(|| frame.draw(gpu, whole))?;
-            gpu.wait()?;
-            if repeat > 0 {
-                prepare.push(prepared - start);
-                draw.push(cpu_ms() - prepared);
-                continue;
-            }
-            // The first round warms up, and tells what it draws.
-            let own = gpu.take_work();
-            work = surfcut::gpu::device::Work {
-                passes: work.passes + own.passes,
-                draws: work.draws + own.draws,
-                triangles: work.triangles + own.triangles,
-                dispatches: work.dispatches + own.dispatches,
-                uploaded: work.uploaded + own.uploaded,
-                downloaded: work.downloaded + own.downloaded,
-            };
-            peeling.passes += frame.peeling().passes;
-            peeling.rejected += frame.peeling().rejected;
-            drop(layers);
-            let cpu = LayerStack::collect(&MeshFrame::new(model, camera.clone(), LayerLimit::Nearest, 1));
-            let of_gpu = gpu.checked(|| collect(gpu, &frame))?;
-            for (x, y) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y))) {
-                let (a, b) = (cpu.at(x, y), of_gpu.at(x, y));
-                let same = a.len() == b.len()
-                    && a.iter()
-                        .zip(b)
-                        .all(|(a, b)| (a.leaf, a.facing) == (b.leaf, b.facing) && a.normal.distance(b.normal) < 1e-3);
-                differing += u64::from(!same);
-                covered += u64::from(!a.is_empty());
+impl Chart<'_> {
+    fn frame(&self, camera: &Camera) -> MeshFrame<'_> {
+        MeshFrame::new(self.model, camera.clone(), self.limit, 1)
+    }
+
+    fn cpu_row(&self) {
+        let mut times = Vec::new();
+        for _ in 0..REPEATS {
+            for camera in self.cameras {
+                let start = cpu_ms();
+                std::hint::black_box(LayerStack::collect(&self.frame(camera)));
+                times.push(cpu_ms() - start);
             }
         }
+        let (name, triangles) = (self.name, self.model.triangle_count());
+        println!("| {name} | {triangles} | CPU | | {} | | | | | | | | | |", short(median(times)));
     }
-    let views = cameras.len() as f64;
-    let each = |count: u64| short(count as f64 / views);
-    let megabytes = |bytes: u64| short(bytes as f64 / views / 1e6);
-    // Passes of the geometry, with that for the superset's bounds.
-    let is_peeling = matches!(classifier, Classifier::Running | Classifier::Parity);
-    let passes =
-        if is_peeling { peeling.passes + if is_bounded { cameras.len() as u64 } else { 0 } } else { work.passes };
-    println!(
-        "| {name} | | {}{} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} of {} |",
-        classifier.name(),
-        if is_bounded { "" } else { ", no bounds" },
-        short(median(prepare)),
-        short(median(draw)),
-        each(passes),
-        each(work.draws),
-        each(work.triangles),
-        each(work.dispatches),
-        megabytes(work.uploaded),
-        megabytes(work.downloaded),
-        each(peeling.rejected),
-        differing,
-        covered
-    );
-    Ok(())
+
+    /// One way of classifying, set as `set` does; `note` says how.
+    fn row(
+        &self,
+        classifier: Classifier,
+        note: &str,
+        set: impl Fn(GpuMeshFrame<'_>) -> GpuMeshFrame<'_>,
+    ) -> anyhow::Result<()> {
+        let Self { gpu, name, cameras, .. } = *self;
+        let (mut prepare, mut draw) = (Vec::new(), Vec::new());
+        let mut peeling = Peeling::default();
+        let mut is_bounded = true;
+        let (mut differing, mut covered) = (0, 0);
+        let mut work = surfcut::gpu::device::Work::default();
+        // Lists are as long as the frame before needed.
+        let length = Rc::new(Cell::new(0));
+        for repeat in 0..=REPEATS {
+            for camera in cameras {
+                let frame = self.frame(camera);
+                gpu.take_work();
+                let start = cpu_ms();
+                let frame = set(GpuMeshFrame::new(frame, classifier)).with_length(Rc::clone(&length));
+                let whole = PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height };
+                frame.upload(gpu, whole, 0)?;
+                gpu.wait()?;
+                let prepared = cpu_ms();
+                let layers = gpu.checked(|| frame.draw(gpu, whole))?;
+                gpu.wait()?;
+                if repeat > 0 {
+                    prepare.push(prepared - start);
+                    draw.push(cpu_ms() - prepared);
+                    continue;
+                }
+                // The first round warms up, and tells what it draws.
+                let own = gpu.take_work();
+                work = surfcut::gpu::device::Work {
+                    passes: work.passes + own.passes,
+                    draws: work.draws + own.draws,
+                    triangles: work.triangles + own.triangles,
+                    dispatches: work.dispatches + own.dispatches,
+                    uploaded: work.uploaded + own.uploaded,
+                    downloaded: work.downloaded + own.downloaded,
+                };
+                peeling.passes += frame.peeling().passes;
+                peeling.rejected += frame.peeling().rejected;
+                peeling.untested += frame.peeling().untested;
+                is_bounded = frame.is_bounded();
+                drop(layers);
+                let cpu = LayerStack::collect(&self.frame(camera));
+                let of_gpu = gpu.checked(|| collect(gpu, &frame))?;
+                for (x, y) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y))) {
+                    let (a, b) = (cpu.at(x, y), of_gpu.at(x, y));
+                    let same = a.len() == b.len()
+                        && a.iter().zip(b).all(|(a, b)| {
+                            (a.leaf, a.facing) == (b.leaf, b.facing) && a.normal.distance(b.normal) < 1e-3
+                        });
+                    differing += u64::from(!same);
+                    covered += u64::from(!a.is_empty());
+                }
+            }
+        }
+        let views = cameras.len() as f64;
+        let each = |count: u64| short(count as f64 / views);
+        let megabytes = |bytes: u64| short(bytes as f64 / views / 1e6);
+        // Passes of the geometry, with that for the superset's bounds.
+        let is_peeling = matches!(classifier, Classifier::Running | Classifier::Parity);
+        let passes =
+            if is_peeling { peeling.passes + if is_bounded { cameras.len() as u64 } else { 0 } } else { work.passes };
+        println!(
+            "| {name} | | {}{} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} of {} |",
+            classifier.name(),
+            note,
+            short(median(prepare)),
+            short(median(draw)),
+            each(passes),
+            each(work.draws),
+            each(work.triangles),
+            each(work.dispatches),
+            megabytes(work.uploaded),
+            megabytes(work.downloaded),
+            each(peeling.rejected),
+            each(peeling.untested),
+            differing,
+            covered
+        );
+        Ok(())
+    }
 }

@@ -9,6 +9,8 @@ struct Control {
     rejected: atomic<u32>,
     // Passes that found active pixels.
     passes: u32,
+    // Pixels whose layer needed no test, summed over the layers.
+    known: atomic<u32>,
 }
 
 // Arguments of the passes that follow, which do nothing once no pixel is active.
@@ -162,15 +164,18 @@ fn parity_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
         return vec4<f32>(0.0);
     }
     let order = order_of(key_of_drawn(drawn, at));
-    note_parity(pixel, drawn.slot, order);
+    // Inside a product every leaf is where the product wants it: no need to count (Blueprint, Nienhaus et al. 2006, section 4.4).
+    if pixels[pixel].is_known == 0u {
+        note_parity(pixel, drawn.slot, order);
+    }
     if order == pixels[pixel].front {
         note_toggle(pixel, drawn.slot, drawn.surface);
     }
     return vec4<f32>(0.0);
 }
 
-// Decides the layer of one pixel, and appends its boundary.
-fn classify(pixel: u32, at: vec2<u32>) {
+// Decides the layer of one pixel, and appends its boundary. Returns whether the result is entered or goes on there.
+fn classify(pixel: u32, at: vec2<u32>) -> bool {
     let front = pixels[pixel].front;
     pixels[pixel].kept_order = NO_SLOT;
     var has_sheet = false;
@@ -209,7 +214,7 @@ fn classify(pixel: u32, at: vec2<u32>) {
         atomicStore(&toggles[2u * WORDS * pixel + WORDS + word], 0u);
     }
     if owner == NO_SLOT {
-        return;
+        return is;
     }
     let place = atomicAdd(&control.length, 1u);
     if place < arrayLength(&boundaries) {
@@ -223,6 +228,7 @@ fn classify(pixel: u32, at: vec2<u32>) {
     if frame.is_nearest != 0u && slots[owner].opacity >= 1.0 {
         pixels[pixel].is_done = 1u;
     }
+    return is;
 }
 
 // Of the slots that toggle the one with the best claim; of equal ones the first.
@@ -288,7 +294,7 @@ fn running_layer(thread: Thread) {
         begin_half_spaces(pixel, at);
     }
     if pixels[pixel].front != ALL_ORDERS {
-        classify(pixel, at);
+        _ = classify(pixel, at);
     }
     go_on(pixel, at);
 }
@@ -306,10 +312,15 @@ fn parity_layer(thread: Thread) {
         return;
     }
     let at = vec2<u32>(pixel % frame.size.x, pixel / frame.size.x);
-    begin_half_spaces(pixel, at);
-    classify(pixel, at);
-    // The next layer is counted from the beginning.
-    for (var word = 0u; word < WORDS; word++) {
+    if pixels[pixel].is_known == 0u {
+        begin_half_spaces(pixel, at);
+    } else {
+        atomicAdd(&control.known, 1u);
+    }
+    let is_inside = classify(pixel, at);
+    pixels[pixel].is_known = u32(is_inside && frame.is_product != 0u);
+    // Any other layer is counted from the beginning.
+    for (var word = 0u; word < WORDS && pixels[pixel].is_known == 0u; word++) {
         atomicStore(&states[WORDS * pixel + word], 0u);
     }
     if pixels[pixel].is_done == 0u || pixels[pixel].kept_order != NO_SLOT {

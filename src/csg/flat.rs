@@ -414,6 +414,11 @@ impl Shrunk {
         unreachable!("the last node is the root")
     }
 
+    /// Whether it is one product: an intersection of literals.
+    pub fn is_product(&self) -> bool {
+        matches!(&self.nodes[..], [root] if root.is_and)
+    }
+
     /// [`Self::eval`] for eight points at once: the lanes of `state` are theirs. A lane of the result has all bits set
     /// where its point is inside, else none. `scratch` has [`node_count`](Self::node_count) entries, of any value.
     #[inline(always)]

@@ -24,6 +24,7 @@ pub const TESTS: &[Test] = &[
     ("meshes_have_the_layers_of_the_cpu", meshes_have_the_layers_of_the_cpu),
     ("solids_have_the_layers_of_the_cpu", solids_have_the_layers_of_the_cpu),
     ("several_samples_have_the_layers_of_the_cpu", several_samples_have_the_layers_of_the_cpu),
+    ("layers_that_end_a_product_need_no_test", layers_that_end_a_product_need_no_test),
     ("a_list_that_is_too_short_grows", a_list_that_is_too_short_grows),
     ("two_hundred_layers_at_a_pixel_are_all_there", two_hundred_layers_at_a_pixel_are_all_there),
     ("no_fragment_of_twenty_million_is_lost", no_fragment_of_twenty_million_is_lost),
@@ -121,6 +122,28 @@ fn solids_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
 
 fn several_samples_have_the_layers_of_the_cpu(gpu: &'static Gpu) {
     check(gpu, "widget", &as_meshes(loaded("widget", (120, 90))), 4);
+}
+
+fn layers_that_end_a_product_need_no_test(gpu: &'static Gpu) {
+    // A difference of two meshes is one product, a union is none.
+    for (name, is_product) in [("mesh_minus_mesh", true), ("widget", true), ("overlap", false)] {
+        let (model, camera) = model(&as_meshes(loaded(name, (120, 90))));
+        let frame = || MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
+        let cpu = LayerStack::collect(&frame());
+        let backs = cpu.tiles().iter().flat_map(|tile| &tile.boundaries).filter(|b| b.facing == Facing::Back).count();
+        for is_short in [false, true] {
+            let of_gpu = GpuMeshFrame::new(frame(), Classifier::Parity).short(is_short);
+            let (wrong, all) = differing(&cpu, &drawn(gpu, &of_gpu));
+            assert!(wrong * 1000 <= all, "{name}, {is_short}: {wrong} of {all} pixels differ");
+            let untested = of_gpu.peeling().untested as usize;
+            if is_product && is_short {
+                // Where a pixel differs there may be one more or one less.
+                assert!(untested.abs_diff(backs) <= 2 * wrong, "{untested} layers without a test, {backs} backs");
+            } else {
+                assert_eq!(untested, 0, "{name}");
+            }
+        }
+    }
 }
 
 fn a_list_that_is_too_short_grows(gpu: &'static Gpu) {

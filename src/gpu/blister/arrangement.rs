@@ -64,8 +64,8 @@ gpu_struct! {
         single_offsets: u32,
         /// Where in `places` their pieces are; 0 where there are none.
         singles: u32,
-        /// Nothing.
-        spare: u32,
+        /// 1 where the expression is one product, whose next layer behind a front ends it whatever toggles there.
+        is_product: u32,
     }
 }
 
@@ -172,8 +172,8 @@ gpu_struct! {
         kept_place: u32,
         /// Boundaries found so far.
         count: u32,
-        /// Nothing.
-        gap: u32,
+        /// 1 where memberships before the next layer are known: those of a product's inside.
+        is_known: u32,
     }
 }
 
@@ -383,6 +383,7 @@ impl Uploaded {
                 tiles_across: pieces.as_ref().map_or(0, |pieces| pieces.tiles_across),
                 single_offsets,
                 singles,
+                is_product: u32::from(expression.is_product()),
                 ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
             },
             words: expression.words() as u32,

@@ -47,6 +47,8 @@ pub struct Peeling {
     pub passes: u64,
     /// Pixels that a pass left alone since they were settled, summed over passes.
     pub rejected: u64,
+    /// Layers that needed no test, since they end a product, summed over pixels.
+    pub untested: u64,
 }
 
 /// One sample of a frame, uploaded; `None` where nothing is to be drawn.
@@ -65,6 +67,8 @@ pub struct GpuMeshFrame<'a> {
     classifier: Classifier,
     /// Whether peeling keeps within the superset.
     pub(super) is_bounded: bool,
+    /// Whether parity is not counted where a product's inside tells it.
+    pub(super) is_short: bool,
     /// How much the last band's list had to hold, in this frame or in one before it.
     pub(super) length: Rc<Cell<usize>>,
     pub(super) peeling: Cell<Peeling>,
@@ -75,7 +79,7 @@ impl<'a> GpuMeshFrame<'a> {
     pub fn new(frame: MeshFrame<'a>, classifier: Classifier) -> Self {
         let uploaded = RefCell::new(vec![None; frame.sample_count() as usize]);
         let (length, peeling) = Default::default();
-        Self { frame, uploaded, classifier, is_bounded: true, length, peeling }
+        Self { frame, uploaded, classifier, is_bounded: true, is_short: true, length, peeling }
     }
 
     /// One of the samples, uploaded to draw `rect`.
@@ -99,6 +103,17 @@ impl<'a> GpuMeshFrame<'a> {
     #[must_use]
     pub fn bounded(self, is_bounded: bool) -> Self {
         Self { is_bounded, ..self }
+    }
+
+    /// Whether the parity way leaves out the test of layers that end a single product: it does unless this says otherwise.
+    #[must_use]
+    pub fn short(self, is_short: bool) -> Self {
+        Self { is_short, ..self }
+    }
+
+    /// Whether peeling keeps within a superset of the result.
+    pub fn is_bounded(&self) -> bool {
+        self.is_bounded
     }
 
     /// As drawn with lists that have room for `length` fragments, or boundaries, at first.

@@ -6,7 +6,9 @@
 //!
 //! *Changes from the paper.* The paper looks for a layer in one set of passes and tests parity in another, a leaf at a time, with the
 //! stencil. Here a pass marks in one word a pixel and 32 leaves which leaves toggle at the layer, with atomics: so one pass classifies
-//! layer i and finds layer i + 1 (`running`), or two do (`parity`). Layers are ordered by the bits of their keys, so that coincident
+//! layer i and finds layer i + 1 (`running`), or two do (`parity`). Behind a front of a
+//! single product no leaf is counted again: all are where the product wants them, and whatever toggles next ends it (Blueprint, Nienhaus
+//! et al. 2006, §4.4: *even layers need no CSG test*). Layers are ordered by the bits of their keys, so that coincident
 //! fragments are equal and others are not.
 //!
 //! *Practice.* How many passes there are is not known beforehand. They are submitted [`A_BATCH`] at a time with arguments that a kernel
@@ -29,8 +31,8 @@ const A_BATCH: u32 = 8;
 /// Boundaries that there is room for at first, for each pixel.
 const FIRST_BOUNDARIES_A_PIXEL: usize = 1;
 
-/// Words of `Control`: boundaries, active pixels, rejected pixels, passes.
-const CONTROL_WORDS: usize = 4;
+/// Words of `Control`: boundaries, active pixels, rejected pixels, passes, layers that needed no test.
+const CONTROL_WORDS: usize = 5;
 
 /// Everything that a band's passes share.
 struct Peel<'p> {
@@ -61,12 +63,14 @@ pub(super) fn draw(
 ) -> Result<GpuLayers, GpuError> {
     let of = ("boundaries", std::mem::size_of::<KeptBoundary>());
     with_room(gpu, &frame.length, of, rect.area() * FIRST_BOUNDARIES_A_PIXEL, |room| {
-        let peel = Peel::new(gpu, uploaded, rect, room, frame.is_bounded && uploaded.superset.is_some(), is_parity)?;
-        let [length, _, rejected, passes] = peel.run()?;
+        let is_bounded = frame.is_bounded && uploaded.superset.is_some();
+        let peel = Peel::new(gpu, uploaded, rect, room, (is_bounded, frame.is_short), is_parity)?;
+        let [length, _, rejected, passes, known] = peel.run()?;
         let before = frame.peeling.get();
         frame.peeling.set(Peeling {
             passes: before.passes + u64::from(passes),
             rejected: before.rejected + u64::from(rejected),
+            untested: before.untested + u64::from(known),
         });
         let has_room = length as usize <= room;
         Ok((length as usize, has_room.then(|| peel.finish(length as usize)).transpose()?))
@@ -79,12 +83,13 @@ impl<'p> Peel<'p> {
         uploaded: &'p Uploaded,
         rect: PixelRect,
         room: usize,
-        is_bounded: bool,
+        (is_bounded, is_short): (bool, bool),
         is_parity: bool,
     ) -> Result<Self, GpuError> {
         let (pixels, words) = (rect.area(), uploaded.words as usize);
         let mut band = uploaded.band(rect);
         band.is_bounded = u32::from(is_bounded);
+        band.is_product &= u32::from(is_short);
         // The bounds need two words.
         let states = gpu.storage::<u32>("states", pixels * words.max(2))?;
         let groups = groups(pixels);
