@@ -16,13 +16,13 @@
 //! # Practice
 //! `Near` is the safe answer everywhere in this file: it costs a per-pixel test, never a wrong picture.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::csg::residual::Membership;
 use crate::geometry::exact::Exact;
 use crate::geometry::winding::{Element, Winding};
 use crate::scene::LeafKind;
-use crate::space::Motion;
+use crate::space::{Motion, Ray};
 use crate::surfel::SurfelCloud;
 use crate::surfel::ball_tree::BallTree;
 
@@ -48,6 +48,8 @@ pub struct LeafField {
     /// Solid or sheet.
     pub kind: LeafKind,
     winding: Option<Inside>,
+    /// The surfels' mean radius, world units.
+    typical_radius: f32,
 }
 
 /// Winding numbers with the level that separates inside from outside.
@@ -62,7 +64,9 @@ impl LeafField {
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
         let tree = BallTree::new(&cloud);
-        Self { cloud, tree, exact, kind, winding }
+        let radii: f64 = cloud.surfels.iter().map(|surfel| f64::from(surfel.radius)).sum();
+        let typical_radius = (radii / cloud.len().max(1) as f64) as f32;
+        Self { cloud, tree, exact, kind, winding, typical_radius }
     }
 
     /// The leaf moved by `motion`.
@@ -219,8 +223,17 @@ impl LeafField {
         if let Some(exact) = &self.exact {
             return exact.contains(p_in_world);
         }
+        let FieldAt { weights, values, .. } = self.field_at(p_in_world, found);
+        if weights > 0.0 {
+            return values < 0.0;
+        }
+        self.far_inside(p_in_world)
+    }
+
+    /// The curved field's sums at a point.
+    fn field_at(&self, p_in_world: DVec3, found: &mut Vec<(u32, f32)>) -> FieldAt {
         self.tree.touching(&self.cloud, p_in_world, 0.0, found);
-        let (mut weights, mut values) = (0.0_f32, 0.0_f32);
+        let mut sums = FieldAt::default();
         for &(t, _) in found.iter() {
             let surfel = &self.cloud.surfels[t as usize];
             let e = (p_in_world - self.cloud.centre(t as usize)).as_vec3();
@@ -230,13 +243,42 @@ impl LeafField {
             };
             let v = (1.0 - support).max(0.0);
             let w = (v * v) * (v * v);
-            weights += w;
-            values += w * (e.dot(surfel.normal) + 0.5 * e.dot(surfel.curvature.mul(e)));
+            let bend = surfel.curvature.mul(e);
+            sums.weights += w;
+            sums.values += w * (e.dot(surfel.normal) + 0.5 * e.dot(bend));
+            sums.normals += (surfel.normal + bend) * w;
         }
-        if weights > 0.0 {
-            return values < 0.0;
+        sums
+    }
+
+    /// The mean radius of the leaf's surfels, world units; 0 where it has none.
+    pub fn typical_radius(&self) -> f32 {
+        self.typical_radius
+    }
+
+    /// The outward unit normal of the leaf's surface where that is within `tolerance` (world units) of `p_in_world`: of the curved
+    /// field's surface, or of an exact leaf's along the unit direction `along_in_world`. `found` is scratch.
+    pub fn surface_within(
+        &self,
+        p_in_world: DVec3,
+        along_in_world: DVec3,
+        tolerance: f32,
+        found: &mut Vec<(u32, f32)>,
+    ) -> Option<DVec3> {
+        let tolerance = f64::from(tolerance);
+        if let Some(exact) = &self.exact {
+            if exact.is_farther_than(p_in_world, tolerance) {
+                return None;
+            }
+            let line = Ray { origin: p_in_world, dir: along_in_world };
+            let crossing = |front| exact.nearest_crossing(&line, 0.0, tolerance, front);
+            let hits = [crossing(true), crossing(false)].into_iter().flatten();
+            return hits.min_by(|a, b| a.t.abs().total_cmp(&b.t.abs())).map(|hit| hit.normal_in_world);
         }
-        self.far_inside(p_in_world)
+        let FieldAt { weights, values, normals } = self.field_at(p_in_world, found);
+        // NaN, where no surfel reaches, is not near.
+        let is_near = f64::from((values / weights).abs()) <= tolerance;
+        is_near.then(|| normals.as_dvec3().normalize_or_zero())
     }
 
     /// The side of a point that no surfel reaches.
@@ -260,6 +302,16 @@ impl LeafField {
             steady_share: 0.0,
         }
     }
+}
+
+/// Sums over the surfels that reach a point, with their weights.
+#[derive(Debug, Clone, Copy, Default)]
+struct FieldAt {
+    weights: f32,
+    /// Of their quadrics' values.
+    values: f32,
+    /// Of their quadrics' normals.
+    normals: Vec3,
 }
 
 /// Reused between the surfels of a chunk, which lie near each other.

@@ -98,6 +98,72 @@ fn every_leaf_in_its_own_form_is_where_the_judge_has_it() {
     }
 }
 
+/// The layers of a scene whose exact leaves are found as `exact` says.
+fn drawn(scene: &Scene, exact: ExactLeaves) -> LayerStack {
+    let mut loaded = load(scene.clone(), &ReadOptions::default(), &NoProgress).unwrap();
+    let camera = loaded.camera().unwrap();
+    let converted = convert(&mut loaded, &camera, Density::default(), exact, &|_| ()).unwrap();
+    let model = converted.classify().into_hybrid();
+    LayerStack::collect(&model.frame(&camera, LayerLimit::All, 1))
+}
+
+fn pixels(stack: &LayerStack) -> impl Iterator<Item = &[crate::layers::Boundary]> {
+    let (width, height) = (stack.camera.width, stack.camera.height);
+    (0..width * height).map(move |i| stack.at(i % width, i / width))
+}
+
+#[test]
+fn a_scan_and_the_solid_that_it_is_of_are_one() {
+    let ball = || scanned("scan", sphere([0.0; 3], 1.0), 6_000);
+    let solid = || Leaf::new("solid", LeafSource::Solid(sphere([0.0; 3], 1.0)));
+    let small = |csg: &str| Scene { size: (96, 96), ..scene(csg, vec![ball(), solid()]) };
+    let alone = drawn(&small("scan"), ExactLeaves::Crossed);
+    for exact in [ExactLeaves::Crossed, ExactLeaves::Sampled] {
+        for csg in ["scan - solid", "solid - scan"] {
+            let left = pixels(&drawn(&small(csg), exact)).filter(|boundaries| !boundaries.is_empty()).count();
+            assert_eq!(left, 0, "{csg}, {exact:?}");
+        }
+        for csg in ["scan | solid", "solid & scan"] {
+            let both = drawn(&small(csg), exact);
+            let what = |b: &crate::layers::Boundary| (b.leaf, b.body, b.facing);
+            let differing =
+                pixels(&alone).zip(pixels(&both)).filter(|(a, b)| !a.iter().map(what).eq(b.iter().map(what)));
+            // Only on the silhouette, where a ray may meet one and not the other.
+            assert!(differing.count() <= 12, "{csg}, {exact:?}");
+        }
+    }
+}
+
+#[test]
+fn a_pocket_that_is_flush_with_a_scanned_face_has_no_lid() {
+    let block = Solid::Box { min: DVec3::new(-1.0, -1.0, -0.8), max: DVec3::new(1.0, 1.0, 0.4) };
+    let pocket = Solid::Box { min: DVec3::new(-0.5, -0.6, 0.0), max: DVec3::new(0.5, 0.6, 0.4) };
+    let leaves = |pocket| vec![scanned("scan", block.clone(), 30_000), pocket];
+    for (how, pocket) in
+        [("solid", Leaf::new("pocket", LeafSource::Solid(pocket.clone()))), ("mesh", meshed("pocket", &pocket))]
+    {
+        for exact in [ExactLeaves::Crossed, ExactLeaves::Sampled] {
+            let scene = Scene { size: (128, 128), ..scene("scan - pocket", leaves(pocket.clone())) };
+            let stack = drawn(&scene, exact);
+            let (mut within, mut lids) = (0, 0);
+            for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
+                let ray = stack.camera.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+                // Where the ray meets the face, a surfel's width within the pocket's outline.
+                let p = ray.at((0.4 - ray.origin.z) / ray.dir.z);
+                if p.x.abs() < 0.46 && p.y.abs() < 0.56 {
+                    within += 1;
+                    // The pocket's walls come up to the face too.
+                    let is_lid = |b: &crate::layers::Boundary| {
+                        b.normal.z.abs() > 0.9 && (ray.at(f64::from(b.depth)).z - 0.4).abs() < 0.02
+                    };
+                    lids += usize::from(stack.at(x, y).iter().any(is_lid));
+                }
+            }
+            assert!(within > 500 && lids == 0, "{how}, {exact:?}: {lids} of {within}");
+        }
+    }
+}
+
 #[test]
 fn exact_leaves_need_no_surfels_and_a_leaf_that_is_to_be_surfels_is_nothing_else() {
     let (_, mut scene) = scenes().swap_remove(0);

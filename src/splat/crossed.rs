@@ -13,10 +13,11 @@
 //! Leaves that no ray of the tile crosses, or begins inside of, are constants. A crossing whose sides are the same whatever the
 //! scans say is passed over without asking them, so where exact leaves lie beside one another they cost no question.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::hits::Hit;
 use super::project::View;
+use super::tied::{self, Tied};
 use crate::classify::Model;
 use crate::crossings::{Crossing, CrossingSource, CrossingTile};
 use crate::csg::positive::Folded;
@@ -163,6 +164,13 @@ pub struct Peel<'t> {
     pub t: f32,
     /// The crossings that coincide there.
     members: &'t [Crossing],
+}
+
+impl Peel<'_> {
+    /// The unit normal of one of its surfaces, either way; they need not be parallel.
+    pub fn normal_in_world(&self) -> Vec3 {
+        self.members[0].normal
+    }
 }
 
 impl<'a> Crossed<'a> {
@@ -358,6 +366,31 @@ impl<'a> Crossed<'a> {
             body: body.unwrap_or(owner.leaf).0,
             facing: if enters_result { Facing::Front } else { Facing::Back },
         })
+    }
+
+    /// Adds the crossings of a peel with whose surfaces those of scans coincide within `tolerance`, world units.
+    pub(super) fn tie(&self, walk: &Walk, peel: &Peel<'_>, tolerance: f32, out: &mut Vec<Tied>) {
+        let Some(left) = &self.left else { return };
+        let px = self.px(walk.pixel);
+        let dir = self.view.camera.ray(px).dir;
+        let dir_in_view = self.view.camera.rotate_to_view(dir).as_vec3();
+        for crossing in peel.members.iter().filter(|c| left.bits[c.leaf.0 as usize] != NO_BIT) {
+            let (colour, opacity) = self.source.paint(crossing, px);
+            // Rays enter against the outward normal.
+            let is_outward = (crossing.normal.as_dvec3().dot(dir) < 0.0) == crossing.enters;
+            let normal_in_world = crossing.normal * if is_outward { 1.0 } else { -1.0 };
+            let normal = self.view.camera.rotate_to_view(normal_in_world.as_dvec3()).as_vec3();
+            out.push(Tied {
+                t: peel.t,
+                reach: tied::reach(tolerance, normal, dir_in_view),
+                leaf: crossing.leaf,
+                enters: crossing.enters,
+                normal,
+                colour,
+                opacity,
+                is_drawn: crossing.is_drawn,
+            });
+        }
     }
 
     /// Where on the picture the ray of a pixel goes.

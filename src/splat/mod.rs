@@ -27,6 +27,9 @@ pub mod settle;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_scenes;
+mod tied;
+#[cfg(test)]
+mod tied_tests;
 
 pub use frame::Frame;
 pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

@@ -451,7 +451,7 @@ fn field<S: Simd>(row: &Row<S>, s: &ViewSurfel, q: &Quadric<S>, t: f32x8<S>) -> 
 }
 
 /// The field of another leaf at the rays' points of depth `t`: value (its sign is the side, inside negative) and the
-/// lanes where any surfel reaches.
+/// weight of the surfels that reach it, by which it is multiplied.
 #[inline(always)]
 pub fn ask<S: Simd>(
     row: &Row<S>,
@@ -459,7 +459,7 @@ pub fn ask<S: Simd>(
     members: &[u32],
     t: f32x8<S>,
     lanes: mask32x8<S>,
-) -> (f32x8<S>, mask32x8<S>) {
+) -> (f32x8<S>, f32x8<S>) {
     let zero = row.splat(0.0);
     let (mut value, mut weight) = (zero, zero);
     for &member in members {
@@ -483,5 +483,5 @@ pub fn ask<S: Simd>(
         weight += w;
         value += w * counts.select(ne + (ex * me_x + ey * me_y + ez * me_z) * 0.5, zero);
     }
-    (value, lanes & weight.simd_gt(LEAST_WEIGHT))
+    (value, weight)
 }

@@ -27,6 +27,7 @@ use super::hits::{Hit, finish_ray};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot, Span};
 use super::settle::Settled;
+use super::tied::{self, Tied};
 use crate::classify::{Drawn, LeafField, Model};
 use crate::csg::LeafId;
 use crate::csg::residual::{Crossing, Membership};
@@ -78,9 +79,11 @@ pub struct Scratch<S: Simd> {
     found: Vec<(u32, f32)>,
     touching: Vec<u32>,
     reaching: Vec<u32>,
-    known: Vec<Option<u64>>,
+    known: Vec<Option<Told>>,
     clip: ClipScratch,
     walks: [Walk; LANES],
+    /// Crossings with surfaces that others may coincide with.
+    tied: [Vec<Tied>; LANES],
 }
 
 impl<S: Simd> Default for Scratch<S> {
@@ -93,7 +96,27 @@ impl<S: Simd> Default for Scratch<S> {
             known: Vec::new(),
             clip: ClipScratch::default(),
             walks: Default::default(),
+            tied: Default::default(),
         }
+    }
+}
+
+/// What a leaf tells of the points of a row's rays: a bit for each lane.
+#[derive(Debug, Clone, Copy, Default)]
+struct Told {
+    /// The point is inside.
+    inside: u64,
+    /// The leaf's surface coincides with the one that the point is on.
+    tied: u64,
+}
+
+impl Told {
+    fn is_inside(self, lane: usize) -> bool {
+        self.inside >> lane & 1 == 1
+    }
+
+    fn is_tied(self, lane: usize) -> bool {
+        self.tied >> lane & 1 == 1
     }
 }
 
@@ -186,6 +209,7 @@ pub fn trace_row<S: Simd>(
     hits: &mut [Vec<Hit>; LANES],
 ) {
     hits.iter_mut().for_each(Vec::clear);
+    scratch.tied.iter_mut().for_each(Vec::clear);
     let mut row = row_of(simd, tile, at.0, at.1, at.2);
     if let Some(settled) = settled {
         let known = settled.lanes(at.0, at.1);
@@ -238,8 +262,15 @@ pub fn trace_row<S: Simd>(
         let beside = (settled, crossed);
         resolve_crossed(&row, tile, runs, beside, nearest_only, &mut hidden_from, at, cache, scratch, hits);
     }
-    for lane in hits.iter_mut() {
-        finish_ray(lane, nearest_only);
+    for (lane, hits) in hits.iter_mut().enumerate() {
+        if !scratch.tied[lane].is_empty() {
+            let ray = ray_of(tile, at, lane);
+            tied::clusters(&mut scratch.tied[lane], |members| {
+                let p_in_world = ray.at(tile.anchor + f64::from(members[0].t));
+                hits.extend(tied::boundary(tile.model, members, p_in_world));
+            });
+        }
+        finish_ray(hits, nearest_only);
     }
 }
 
@@ -365,6 +396,18 @@ fn resolve<S: Simd>(
     }
     // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
     let mut crossings: [Option<(Crossing, u32)>; LANES] = [None; LANES];
+    let in_world = |lane: usize| (points[lane], tile.view.normal_to_world(normals[lane]));
+    // A hit with whose surface another may coincide, within the tolerance.
+    let tied = |lane: usize, tolerance: f32| Tied {
+        t: t[lane],
+        reach: tied::reach(tolerance, normals[lane], Vec3::new(row.dir_x[lane], row.dir_y, 1.0)),
+        leaf: run.leaf,
+        enters: slot.front,
+        normal: normals[lane],
+        colour: colours[lane],
+        opacity: snapped(opacities[lane]),
+        is_drawn: true,
+    };
     let mut pending = lanes;
     while pending != 0 {
         let first = pending.trailing_zeros() as usize;
@@ -377,7 +420,10 @@ fn resolve<S: Simd>(
             Some(Drawn::Surface(crossing)) => {
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
                     if strayed >> lane & 1 == 1 {
-                        crossings[lane] = crossing_of_tree(tile, run.leaf, points[lane], &mut scratch.found);
+                        match crossing_of_tree(tile, run.leaf, in_world(lane), &mut scratch.found) {
+                            Ok(crossing) => crossings[lane] = crossing,
+                            Err(tolerance) => scratch.tied[lane].push(tied(lane, tolerance)),
+                        }
                         continue;
                     }
                     let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
@@ -390,7 +436,10 @@ fn resolve<S: Simd>(
             Some(Drawn::Edge(_)) if mask & strayed != 0 => {
                 // Rare enough to ask the whole tree for the others too.
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    crossings[lane] = crossing_of_tree(tile, run.leaf, points[lane], &mut scratch.found);
+                    match crossing_of_tree(tile, run.leaf, in_world(lane), &mut scratch.found) {
+                        Ok(crossing) => crossings[lane] = crossing,
+                        Err(tolerance) => scratch.tied[lane].push(tied(lane, tolerance)),
+                    }
                 }
             }
             Some(Drawn::Edge(number)) => {
@@ -415,25 +464,27 @@ fn resolve<S: Simd>(
                 known.clear();
                 known.resize(residual.near.len(), None);
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
+                    let mut tolerance = 0.0_f32;
                     let crossing = residual.crossing(|place| {
-                        let bits = match known[place] {
-                            Some(bits) => bits,
-                            None => {
-                                let near = residual.near[place];
-                                let touching = &mut scratch.reaching;
-                                let bits =
-                                    sides(row, tile, runs, crossed, near, &t, (at, &points), mask, cache, touching);
-                                known[place] = Some(bits);
-                                bits
-                            }
-                        };
-                        bits >> lane & 1 == 1
+                        let near = residual.near[place];
+                        let told = *known[place].get_or_insert_with(|| {
+                            let hits = Hits { own: Some(run.leaf), t: &t, of_lane: &in_world, at, mask };
+                            sides(row, tile, runs, crossed, near, hits, cache, scratch)
+                        });
+                        if told.is_tied(lane) {
+                            tolerance = tolerance.max(tied::tolerance(field, &tile.model.fields[near.0 as usize]));
+                        }
+                        told.is_inside(lane)
                     });
+                    if tolerance > 0.0 {
+                        scratch.tied[lane].push(tied(lane, tolerance));
+                        continue;
+                    }
                     crossings[lane] = crossing.map(|crossing| {
                         let body = body_behind(tile.model, run.leaf, crossing, index_of(lane), |leaf| {
                             let place = residual.near.binary_search(&leaf).ok();
                             match place.and_then(|place| known[place]) {
-                                Some(bits) => bits >> lane & 1 == 1,
+                                Some(told) => told.is_inside(lane),
                                 None => tile.model.fields[leaf.0 as usize].contains(points[lane], &mut scratch.found),
                             }
                         });
@@ -494,13 +545,13 @@ fn resolve_crossed<S: Simd>(
     let mut known = std::mem::take(&mut scratch.known);
     while open != 0 {
         let mut peels: [Option<Peel<'_>>; LANES] = [None; LANES];
-        let (mut t, mut points) = ([f32::INFINITY; LANES], [DVec3::ZERO; LANES]);
+        let (mut t, mut of_peel) = ([f32::INFINITY; LANES], [(DVec3::ZERO, Vec3::ZERO); LANES]);
         let going = open;
         for lane in (0..LANES).filter(|lane| going >> lane & 1 == 1) {
             match crossed.next(&mut walks[lane]) {
                 Some(peel) if !(nearest_only && peel.t >= hidden[lane]) => {
                     t[lane] = peel.t;
-                    points[lane] = crossed.point(&walks[lane], &peel);
+                    of_peel[lane] = (crossed.point(&walks[lane], &peel), peel.normal_in_world());
                     peels[lane] = Some(peel);
                 }
                 _ => open &= !(1 << lane),
@@ -511,18 +562,21 @@ fn resolve_crossed<S: Simd>(
         let mask = open;
         for lane in (0..LANES).filter(|lane| mask >> lane & 1 == 1) {
             let Some(peel) = &peels[lane] else { continue };
+            let mut tolerance = 0.0_f32;
             let hit = crossed.boundary(&mut walks[lane], peel, |leaf| {
-                let bits = match known[leaf.0 as usize] {
-                    Some(bits) => bits,
-                    None => {
-                        let touching = &mut scratch.reaching;
-                        let bits = sides(row, tile, runs, None, leaf, &t, (at, &points), mask, cache, touching);
-                        known[leaf.0 as usize] = Some(bits);
-                        bits
-                    }
-                };
-                bits >> lane & 1 == 1
+                let told = *known[leaf.0 as usize].get_or_insert_with(|| {
+                    let hits = Hits { own: None, t: &t, of_lane: &|lane| of_peel[lane], at, mask };
+                    sides(row, tile, runs, None, leaf, hits, cache, scratch)
+                });
+                if told.is_tied(lane) {
+                    tolerance = tolerance.max(tied::TIED_SHARE * tile.model.fields[leaf.0 as usize].typical_radius());
+                }
+                told.is_inside(lane)
             });
+            if tolerance > 0.0 {
+                crossed.tie(&walks[lane], peel, tolerance, &mut scratch.tied[lane]);
+                continue;
+            }
             let Some(hit) = hit else { continue };
             if hit.opacity >= 1.0 {
                 hidden[lane] = hidden[lane].min(hit.t);
@@ -538,22 +592,41 @@ fn resolve_crossed<S: Simd>(
     *hidden_from = f32x8::load_array(row.simd, hidden);
 }
 
-/// How the result changes where `own` is crossed at `p_in_world`, by the whole expression, and whose material lies behind.
+/// How the result changes where `own` is crossed at a point, by the whole expression, and whose material lies behind. `Err` with the
+/// tolerance where the surface of another leaf, on which the answer depends, coincides with `own`'s. The point comes with the
+/// surface's unit normal, either way; both in world space.
 fn crossing_of_tree(
     tile: &Tile<'_>,
     own: LeafId,
-    p_in_world: DVec3,
+    (p_in_world, normal_in_world): (DVec3, Vec3),
     found: &mut Vec<(u32, f32)>,
-) -> Option<(Crossing, u32)> {
+) -> Result<Option<(Crossing, u32)>, f32> {
     let model = tile.model;
-    let mut holds = |leaf: LeafId| model.fields[leaf.0 as usize].contains(p_in_world, found);
-    let mut with_own = |inside_own: bool| model.tree.eval(|leaf| if leaf == own { inside_own } else { holds(leaf) });
-    let crossing = Crossing::between(with_own(false), with_own(true))?;
-    let body = match crossing {
-        Crossing::Rises => None,
-        Crossing::Falls => body(model, own, |_| Membership::Near, holds),
+    let field = |leaf: LeafId| &model.fields[leaf.0 as usize];
+    let mut tied_within = 0.0_f32;
+    let mut with_own = |inside_own: bool| {
+        model.list.eval(|leaf| {
+            if leaf == own {
+                return inside_own;
+            }
+            let tolerance = tied::tolerance(field(own), field(leaf));
+            if tied::coincides(field(leaf), p_in_world, normal_in_world.as_dvec3(), tolerance, found) {
+                tied_within = tied_within.max(tolerance);
+            }
+            field(leaf).contains(p_in_world, found)
+        })
     };
-    Some((crossing, body.unwrap_or(own).0))
+    let crossing = Crossing::between(with_own(false), with_own(true));
+    if tied_within > 0.0 {
+        return Err(tied_within);
+    }
+    Ok(crossing.map(|crossing| {
+        let body = match crossing {
+            Crossing::Rises => None,
+            Crossing::Falls => body_at(model, own, |leaf| field(leaf).contains(p_in_world, found)),
+        };
+        (crossing, body.unwrap_or(own).0)
+    }))
 }
 
 /// An opacity that is a weighted mean, held to 0 to 1, and opaque where only rounding keeps it from being so.
@@ -561,7 +634,19 @@ fn snapped(opacity: f32) -> f32 {
     if opacity > 1.0 - OPACITY_ROUNDING { 1.0 } else { opacity.max(0.0) }
 }
 
-/// Which lanes' points lie inside leaf `near`, as bits.
+/// Points on surfaces, one for each lane of `mask`.
+struct Hits<'h> {
+    /// Whose surface, where it is made of surfels.
+    own: Option<LeafId>,
+    /// Depths less the tile's anchor.
+    t: &'h [f32; LANES],
+    /// The point, and the surface's unit normal there, either way; world space.
+    of_lane: &'h dyn Fn(usize) -> (DVec3, Vec3),
+    at: At,
+    mask: u64,
+}
+
+/// What leaf `near` tells of the points of `hits`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn sides<S: Simd>(
@@ -570,36 +655,52 @@ fn sides<S: Simd>(
     runs: &[Run<'_>],
     crossed: Option<&Crossed<'_>>,
     near: LeafId,
-    t: &[f32; LANES],
-    (at, points): (At, &[DVec3; LANES]),
-    mask: u64,
+    hits: Hits<'_>,
     cache: &mut SideCache,
-    touching: &mut Vec<u32>,
-) -> u64 {
+    scratch: &mut Scratch<S>,
+) -> Told {
     let field = &tile.model.fields[near.0 as usize];
+    let Hits { t, of_lane, at, mask, .. } = hits;
+    let tolerance = match hits.own {
+        Some(own) => tied::tolerance(&tile.model.fields[own.0 as usize], field),
+        None => tied::TIED_SHARE * field.typical_radius(),
+    };
+    let mut is_tied = |lane: &usize| {
+        let (p_in_world, normal) = of_lane(*lane);
+        tied::coincides(field, p_in_world, normal.as_dvec3(), tolerance, &mut scratch.found)
+    };
+    let bits = |bits: u64, lane: usize| bits | 1 << lane;
     if let Some(exact) = &field.exact {
         // On a ray whose crossings with the leaf are known they tell the side.
         let told = |lane: usize| crossed.and_then(|crossed| crossed.inside((at.0 + lane as u32, at.1), near, t[lane]));
-        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(points[*lane]));
-        return (0..LANES).filter(|l| mask >> l & 1 == 1).filter(inside).fold(0, |bits, lane| bits | 1 << lane);
+        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(of_lane(*lane).0));
+        let lanes = || (0..LANES).filter(|l| mask >> l & 1 == 1);
+        return Told { inside: lanes().filter(inside).fold(0, bits), tied: lanes().filter(&mut is_tied).fold(0, bits) };
     }
     let lanes = mask32x8::from_bitmask(row.simd, mask);
-    let (mut bits, mut reached) = (0, 0);
+    let (mut told, mut reached) = (Told::default(), 0);
     if let Some(run) = runs.iter().find(|r| r.leaf == near) {
         let depth = f32x8::load_array(row.simd, *t);
+        let touching = &mut scratch.reaching;
         touching.clear();
         rows::touching(row, &tile.spans, run.members, row.span(depth, lanes), touching);
-        let (value, support) = rows::ask(row, &tile.surfels, touching, depth, lanes);
+        let (value, weight) = rows::ask(row, &tile.surfels, touching, depth, lanes);
+        let support = lanes & weight.simd_gt(rows::LEAST_WEIGHT);
         reached = support.to_bitmask();
-        bits = (support & value.simd_lt(0.0)).to_bitmask();
+        told.inside = (support & value.simd_lt(0.0)).to_bitmask();
+        // Most rays are not near the other surface, and need no closer look.
+        let close = (support & value.abs().simd_le(weight * tolerance)).to_bitmask();
+        if close != 0 {
+            told.tied = (0..LANES).filter(|l| close >> l & 1 == 1).filter(&mut is_tied).fold(0, bits);
+        }
     }
     let mut unreached = mask & !reached;
     while unreached != 0 {
         let lane = unreached.trailing_zeros() as usize;
         unreached &= unreached - 1;
-        bits |= u64::from(cache.inside(field, near, points[lane])) << lane;
+        told.inside |= u64::from(cache.inside(field, near, of_lane(lane).0)) << lane;
     }
-    bits
+    told
 }
 
 /// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the [`body`]; `holds`
@@ -615,6 +716,11 @@ pub(super) fn body_behind(
         Crossing::Rises => own.0,
         Crossing::Falls => body(model, own, |leaf| model.status(own, surfel, leaf), holds).unwrap_or(own).0,
     }
+}
+
+/// As [`body_behind`] of a surface of a leaf that was subtracted, where `holds` decides for all leaves.
+pub(super) fn body_at(model: &Model, own: LeafId, holds: impl FnMut(LeafId) -> bool) -> Option<LeafId> {
+    body(model, own, |_| Membership::Near, holds)
 }
 
 /// The first leaf that the result just outside of leaf `own`, where it holds, could not do without; where it could do without
