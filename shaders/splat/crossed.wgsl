@@ -8,6 +8,12 @@ var<private> before: array<u32, LEAF_WORDS>;
 var<private> behind: array<u32, LEAF_WORDS>;
 // Which of the two is asked.
 var<private> asks_behind: bool;
+// The first leaf of surfels whose side of the peel was asked for and is not known yet.
+var<private> missing: u32;
+// What the peel comes to: the crossing that owns the boundary, NONE without one; whose material lies behind; whether the result begins.
+var<private> peel_owner: u32;
+var<private> peel_body: u32;
+var<private> peel_enters: bool;
 
 // Whether crossings tell of a leaf.
 fn is_crossed(leaf: u32) -> bool {
@@ -81,10 +87,15 @@ fn is_in_behind(leaf: u32) -> bool {
     return ((behind[leaf / LEAF_BITS] >> (leaf % LEAF_BITS)) & 1u) != 0u;
 }
 
-// Whether a point just before or just behind the peel is inside of a leaf.
+// Whether a point just before or just behind the peel is inside of a leaf. What surfels say is not looked for here but noted as
+// missing, so that this, which is asked from many places, stays small: compilers put it into each of them.
 fn is_inside_at_peel(leaf: u32) -> bool {
     if !is_crossed(leaf) {
-        return side(leaf);
+        let bit = 1u << (leaf % LEAF_BITS);
+        if (asked[leaf / LEAF_BITS] & bit) == 0u {
+            missing = select(missing, leaf, missing == NONE);
+        }
+        return (answers[leaf / LEAF_BITS] & bit) != 0u;
     }
     if asks_behind {
         return is_in_behind(leaf);
@@ -168,42 +179,59 @@ fn sheet_of_peel(first: u32, end: u32, was: bool, is: bool) -> u32 {
     return owner;
 }
 
+// Decides the peel as far as sides are known; where one is `missing` it has to be decided again.
+fn decide_peel(first: u32, end: u32, has_sheet: bool) {
+    missing = NONE;
+    let was = holds_at_peel(false, NONE);
+    let is = holds_at_peel(true, NONE);
+    peel_owner = NONE;
+    peel_enters = is || was == is;
+    if was != is {
+        peel_owner = owner_of_peel(first, end, is);
+    } else if has_sheet {
+        peel_owner = sheet_of_peel(first, end, was, is);
+    }
+    if peel_owner == NONE {
+        return;
+    }
+    peel_body = crossing_leaf(peel_owner);
+    if was != is && is_in_behind(peel_body) != is {
+        asks_behind = is;
+        let body = body_of();
+        peel_body = select(body, peel_body, body == NONE);
+    }
+}
+
 // Adds the boundary at a peel, where it is one; returns the depth from which on nothing is seen.
 fn resolve_peel(ray: Ray, pixel: u32, first: u32, end: u32, has_sheet: bool) -> f32 {
-    // What is inside of what is asked at the peel's depth; `own_leaf` is none, so that the body is that of the peel.
+    // Scans are asked at the peel's depth. `own_leaf` is none, so that the body is that of the peel.
     hit_ray = ray;
     hit_t = from_anchor(ray, crossing_depth(first));
     own_leaf = NONE;
     forget_answers();
-    let was = holds_at_peel(false, NONE);
-    let is = holds_at_peel(true, NONE);
-    var owner = NONE;
-    if was != is {
-        owner = owner_of_peel(first, end, is);
-    } else if has_sheet {
-        owner = sheet_of_peel(first, end, was, is);
+    loop {
+        decide_peel(first, end, has_sheet);
+        if missing == NONE {
+            break;
+        }
+        // Each turn asks another leaf.
+        side(missing);
     }
-    if owner == NONE || !has_flag(owner, CROSSING_SHOWS) {
+    if peel_owner == NONE || !has_flag(peel_owner, CROSSING_SHOWS) {
         return FARTHEST;
     }
-    let enters_result = is || was == is;
     var hit: Hit;
     hit.t = hit_t;
-    hit.leaf = crossing_leaf(owner);
-    hit.body = hit.leaf;
-    if was != is && is_in_behind(hit.leaf) != is {
-        asks_behind = is;
-        let body = body_of();
-        hit.body = select(body, hit.leaf, body == NONE);
-    }
+    hit.leaf = crossing_leaf(peel_owner);
+    hit.body = peel_body;
     // Outward from the result: against the ray where it is entered, along it where it is left.
-    let in_world = crossing_vector(owner, CROSSING_NORMAL);
+    let in_world = crossing_vector(peel_owner, CROSSING_NORMAL);
     let normal =
         vec3<f32>(dot(view.axes[0].xyz, in_world), dot(view.axes[1].xyz, in_world), dot(view.axes[2].xyz, in_world));
-    hit.normal = select(normal, -normal, (dot(normal, ray.dir) > 0.0) == enters_result);
-    hit.colour = crossing_vector(owner, CROSSING_COLOUR);
-    hit.opacity = bitcast<f32>(crossing_word(owner, CROSSING_OPACITY));
-    hit.seen = select(-1, 1, enters_result) * i32(view.samples);
+    hit.normal = select(normal, -normal, (dot(normal, ray.dir) > 0.0) == peel_enters);
+    hit.colour = crossing_vector(peel_owner, CROSSING_COLOUR);
+    hit.opacity = bitcast<f32>(crossing_word(peel_owner, CROSSING_OPACITY));
+    hit.seen = select(-1, 1, peel_enters) * i32(view.samples);
     insert(pixel, hit);
     return select(FARTHEST, hit.t, view.nearest_only != 0u && hit.opacity >= 1.0);
 }
