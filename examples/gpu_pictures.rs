@@ -18,14 +18,13 @@ use surfcut::composite::{Leaves, Look, Picture, styled};
 use surfcut::csg::LeafId;
 use surfcut::formats::NoProgress;
 use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
-use surfcut::gpu::splat::{GpuSplatFrame, GpuSplatModel};
+use surfcut::gpu::hybrid::GpuHybridModel;
 use surfcut::gpu::{Gpu, GpuError, GpuLayerSource, composite};
 use surfcut::layers::{LayerLimit, LayerStack};
 use surfcut::pipeline::{Density, ExactLeaves, convert, has_surfels, mesh_model};
 use surfcut::scene::colour::srgb_byte_from_linear;
 use surfcut::scene::style::{Style, StyleKind};
 use surfcut::scene::{LoadedScene, Scene, load, toml_file, tree_json};
-use surfcut::splat::{Frame, SplatSettings};
 
 /// A channel differs by more than this.
 const MOST_APART: i32 = 2;
@@ -76,12 +75,11 @@ fn row(gpu: &Gpu, path: &Path, side: u32) -> anyhow::Result<Vec<String>> {
         let on_gpu = |limit| Ok(GpuMeshFrame::new(frame(limit), Classifier::default()));
         return cells(gpu, &loaded, &|limit| LayerStack::collect(&frame(limit)), &on_gpu);
     }
-    let settings = SplatSettings::default();
-    let converted = convert(&mut loaded, &camera, Density::default(), ExactLeaves::Sampled, &|_| ())?;
-    let model = converted.classify().model;
-    let uploaded = GpuSplatModel::new(gpu, &model)?;
-    let frame = |limit| Frame::new(&model, camera.clone(), limit, 1, settings, None);
-    let on_gpu = |limit| Ok(GpuSplatFrame::new(&model, &uploaded, camera.clone(), limit, 1, settings)?);
+    let converted = convert(&mut loaded, &camera, Density::default(), ExactLeaves::Crossed, &|_| ())?;
+    let model = converted.classify().into_hybrid();
+    let uploaded = GpuHybridModel::new(gpu, &model)?;
+    let frame = |limit| model.frame(&camera, limit, 1);
+    let on_gpu = |limit| Ok(uploaded.frame(&model, &camera, limit, 1)?);
     cells(gpu, &loaded, &|limit| LayerStack::collect(&frame(limit)), &on_gpu)
 }
 

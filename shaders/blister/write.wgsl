@@ -51,6 +51,10 @@ fn colour_of(surface: u32, at: vec2<u32>) -> vec3<f32> {
     return slots[surfaces[surface].slot].colour;
 }
 
+fn depth_of(key: f32) -> f32 {
+    return select(-key, 1.0 / key, frame.is_perspective != 0u);
+}
+
 fn write_record(place: u32, at: vec2<u32>, survivor: Survivor) {
     let whole = vec2<f32>(at + frame.origin);
     let dir = frame.first_dir + frame.dir_across * whole.x + frame.dir_down * whole.y;
@@ -61,7 +65,7 @@ fn write_record(place: u32, at: vec2<u32>, survivor: Survivor) {
     let is_along = dot(normal, dir) > 0.0;
     var record: LayerRecord;
     record.normal = select(normal, -normal, is_along == is_front);
-    record.depth = select(-survivor.key, 1.0 / survivor.key, frame.is_perspective != 0u);
+    record.depth = depth_of(survivor.key);
     record.colour = colour_of(survivor.surface, at);
     record.opacity = slots[slot].opacity;
     record.leaf = slots[slot].leaf;

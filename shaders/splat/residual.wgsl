@@ -1,5 +1,6 @@
 // The twin of src/csg/residual.rs and src/csg/blist.rs: what the expression says at one hit. Whoever uses it defines
-// `side(leaf: u32) -> bool`, whether the hit is inside of another leaf, and `own_leaf`, `own_index`, whose hit it is.
+// `side(leaf: u32) -> bool`, whether the hit is inside of another leaf, and `own_leaf`, `own_index`, whose hit it is; where that is no
+// leaf, `is_inside_at_peel(leaf: u32) -> bool` tells where a peel of crossings lies.
 
 // How the result changes where the leaf is entered.
 const NO_CROSSING: u32 = 0u;
@@ -99,6 +100,9 @@ fn is_gone(leaf: u32) -> bool {
 }
 
 fn is_inside(leaf: u32) -> bool {
+    if own_leaf == NONE {
+        return is_inside_at_peel(leaf);
+    }
     if leaf == own_leaf {
         return false;
     }
@@ -123,6 +127,9 @@ fn holds_without(without: u32) -> bool {
 }
 
 fn may_hold(leaf: u32) -> bool {
+    if own_leaf == NONE {
+        return is_inside_at_peel(leaf);
+    }
     return leaf != own_leaf && status_to(leaf) != STATUS_OUT;
 }
 

@@ -6,6 +6,7 @@
 // The hit that the expression is asked about.
 var<private> hit_ray: Ray;
 var<private> hit_t: f32;
+var<private> hit_pixel: u32;
 var<private> own_leaf: u32;
 var<private> own_index: u32;
 // The block's lists.
@@ -57,7 +58,14 @@ fn point_at(ray: Ray, t: f32) -> vec3<f32> {
 }
 
 fn is_sheet(leaf: u32) -> bool {
-    return tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE] != 0u;
+    return (tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE] & LEAF_SHEET) != 0u;
+}
+
+fn forget_answers() {
+    for (var word = 0u; word < LEAF_WORDS; word++) {
+        asked[word] = 0u;
+        answers[word] = 0u;
+    }
 }
 
 // Whether the hit is inside of another leaf.
@@ -68,7 +76,9 @@ fn side(leaf: u32) -> bool {
         return (answers[word] & bit) != 0u;
     }
     var inside = false;
-    if !is_sheet(leaf) {
+    if is_crossed(leaf) {
+        inside = !is_sheet(leaf) && side_by_crossings(hit_ray, hit_pixel, leaf, hit_t);
+    } else if !is_sheet(leaf) {
         let by_surfels = side_by_surfels(hit_ray, run_of(leaf), hit_t);
         inside = by_surfels > 0;
         if by_surfels < 0 {
@@ -137,12 +147,10 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     // Step 2: ask the residual of the nearest surfel.
     hit_ray = ray;
     hit_t = solution.t;
+    hit_pixel = pixel;
     own_leaf = run.leaf;
     own_index = views[group.best].index;
-    for (var word = 0u; word < LEAF_WORDS; word++) {
-        asked[word] = 0u;
-        answers[word] = 0u;
-    }
+    forget_answers();
     var crossing = kind;
     if is_edge {
         crossing = crossing_of(kind);
@@ -194,6 +202,36 @@ fn number_of(px: vec2<u32>) -> u32 {
     return aside.y * (view.rect.z - view.rect.x) + aside.x;
 }
 
+// The lists of a block.
+fn find_lists(block: u32) {
+    for (var list = 0u; list < LISTS; list++) {
+        list_first[list] = starts[block * LISTS + list];
+        list_end[list] = starts[block * LISTS + list + 1u];
+    }
+}
+
+fn ray_through(px: vec2<u32>, block: u32) -> Ray {
+    var ray: Ray;
+    ray.px = vec2<f32>(px) + view.place;
+    ray.dir = vec3<f32>(0.0, 0.0, 1.0);
+    if view.is_perspective != 0u {
+        ray.dir = vec3<f32>((ray.px - view.half_size) / view.focal_px, 1.0);
+    }
+    ray.anchor = anchor_of(block);
+    return ray;
+}
+
+// A driver that ends loops after so many steps leaves them without a word: then these steps are too many as well.
+fn note_unfinished() {
+    var step = 0u;
+    while step < 2u + view.has_supports {
+        step++;
+    }
+    if step < 2u {
+        atomicStore(&pixels[UNFINISHED], 1u);
+    }
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn trace(thread: Thread) {
     let block = group_number(thread);
@@ -207,17 +245,8 @@ fn trace(thread: Thread) {
     leaving = NONE;
     unused = NONE;
     newest = NONE;
-    var ray: Ray;
-    ray.px = vec2<f32>(px) + view.place;
-    ray.dir = vec3<f32>(0.0, 0.0, 1.0);
-    if view.is_perspective != 0u {
-        ray.dir = vec3<f32>((ray.px - view.half_size) / view.focal_px, 1.0);
-    }
-    ray.anchor = anchor_of(block);
-    for (var list = 0u; list < LISTS; list++) {
-        list_first[list] = starts[block * LISTS + list];
-        list_end[list] = starts[block * LISTS + list + 1u];
-    }
+    let ray = ray_through(px, block);
+    find_lists(block);
     var hidden_from = FARTHEST;
     // Leaf by leaf.
     var at = list_first;
@@ -253,12 +282,5 @@ fn trace(thread: Thread) {
         entering = NONE;
         leaving = NONE;
     }
-    // A driver that ends loops after so many steps leaves them without a word: then these steps are too many as well.
-    var step = 0u;
-    while step < 2u + view.has_supports {
-        step++;
-    }
-    if step < 2u {
-        atomicStore(&pixels[UNFINISHED], 1u);
-    }
+    note_unfinished();
 }

@@ -86,7 +86,7 @@ fn draw(
     report: &mut Report,
     phase: &str,
 ) -> anyhow::Result<LayerStack> {
-    let engine = engine(&mut loaded, args, frame, camera, session.bars, report)?;
+    let engine = engine(&mut loaded, args, frame, (camera, false), session.bars, report)?;
     let watch = Stopwatch::start();
     let stack = LayerStack::collect(&*engine.frame(camera)?);
     report.add_phase(phase, watch.times());

@@ -12,6 +12,8 @@ use surfcut::csg::{LeafId, TooManyProducts, Tree};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 #[cfg(feature = "gpu")]
+use surfcut::gpu::hybrid::{GpuHybridError, GpuHybridModel};
+#[cfg(feature = "gpu")]
 use surfcut::gpu::splat::{GpuSplatError, GpuSplatFrame, GpuSplatModel};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::{Gpu, GpuLayerSource};
@@ -63,12 +65,13 @@ pub struct FrameArgs {
     pub limit: LayerLimit,
 }
 
-/// The engine that the flags ask for. `camera` is the first to be drawn from: sampling goes by its pixels.
+/// The engine that the flags ask for. `camera` is the first to be drawn from: sampling goes by its pixels. `has_device` tells whether a
+/// GPU is to draw what it can.
 pub fn engine(
     loaded: &mut LoadedScene,
     args: &PipelineArgs,
     frame: FrameArgs,
-    camera: &Camera,
+    (camera, has_device): (&Camera, bool),
     bars: Bars,
     report: &mut Report,
 ) -> anyhow::Result<Box<dyn Engine>> {
@@ -99,11 +102,14 @@ pub fn engine(
             if args.pipeline != Pipeline::Mesh && pipeline::has_surfels(loaded)? {
                 // Surfels find exact leaves in two thirds of the time, since what a scan cuts of them is known before the first
                 // frame; their hits are as exact. Whoever says what a leaf is drawn as is taken at their word, and crossings of an
-                // open mesh have to be counted.
+                // open mesh have to be counted. A GPU finds exact leaves by their crossings alone, so where one is to draw they are not
+                // sampled; should it fail, the CPU draws the same crossings.
                 let is_chosen = loaded.scene.leaves.iter().any(|leaf| leaf.represent.is_some());
                 let is_open =
                     |geometry: &LeafGeometry| matches!(geometry, LeafGeometry::Mesh(mesh) if !mesh.is_closed());
-                if args.pipeline == Pipeline::Auto && !is_chosen && !loaded.geometry.iter().any(is_open) {
+                let is_plain = !is_chosen && !loaded.geometry.iter().any(is_open);
+                let takes_gpu = has_device && products.is_none();
+                if args.pipeline == Pipeline::Auto && is_plain && !takes_gpu {
                     return surfels(loaded, report);
                 }
                 return hybrid(loaded, "hybrid", products, report);
@@ -303,9 +309,9 @@ impl Engine for SplatEngine {
         }
         let refused = |error| match error {
             GpuSplatError::Gpu(error) => BackendError::Gpu(error),
-            GpuSplatError::ExactLeaf { .. } => {
-                BackendError::NotThere("scans together with meshes or solids yet".to_owned())
-            }
+            GpuSplatError::ExactLeaf { .. } => BackendError::NotThere(
+                "meshes or solids with --pipeline splat (with --pipeline hybrid it does)".to_owned(),
+            ),
             GpuSplatError::Settings => {
                 BackendError::NotThere("surfels that are clipped in another way than the default one".to_owned())
             }
@@ -347,6 +353,9 @@ struct HybridEngine {
     /// Their models, over the same leaves.
     parts: Option<Vec<HybridModel>>,
     frame: FrameArgs,
+    /// The model on the GPU that drew last.
+    #[cfg(feature = "gpu")]
+    uploaded: std::cell::OnceCell<GpuHybridModel>,
 }
 
 impl HybridEngine {
@@ -366,7 +375,16 @@ impl HybridEngine {
             report.count("shared_planes", exact.shared_plane_count() as u64);
         }
         let pipeline = if model.exact().is_some() { pipeline } else { "splat" };
-        let mut engine = Self { model, pipeline, names, products, parts: None, frame };
+        let mut engine = Self {
+            model,
+            pipeline,
+            names,
+            products,
+            parts: None,
+            frame,
+            #[cfg(feature = "gpu")]
+            uploaded: std::cell::OnceCell::new(),
+        };
         engine.part();
         Box::new(engine)
     }
@@ -416,10 +434,36 @@ impl Engine for HybridEngine {
         })
     }
 
+    #[cfg(feature = "gpu")]
+    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        if self.parts.is_some() {
+            return Err(BackendError::NotThere("--union products".to_owned()));
+        }
+        let refused = |error| match error {
+            GpuHybridError::OpenMesh { leaf } => {
+                BackendError::NotThere(format!("the open mesh of leaf `{}` as a solid", self.names[leaf.0 as usize]))
+            }
+            GpuHybridError::Gpu(error) | GpuHybridError::Surfels(GpuSplatError::Gpu(error)) => BackendError::Gpu(error),
+            GpuHybridError::Surfels(error) => BackendError::NotThere(format!("this scene ({error})")),
+        };
+        if self.uploaded.get().is_none() {
+            let uploaded = GpuHybridModel::new(gpu, &self.model).map_err(refused)?;
+            // It was empty, and there is but one thread.
+            let _ = self.uploaded.set(uploaded);
+        }
+        let uploaded = self.uploaded.get().expect("it was just uploaded");
+        let FrameArgs { samples, limit } = self.frame;
+        Ok(Box::new(uploaded.frame(&self.model, camera, limit, samples).map_err(refused)?))
+    }
+
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
         // What the parts share with the model is about to change.
         self.parts = None;
         self.model.pose(motions)?;
+        #[cfg(feature = "gpu")]
+        if self.uploaded.get().is_some_and(|uploaded| !uploaded.is_of(&self.model)) {
+            self.uploaded.take();
+        }
         self.part();
         Ok(())
     }

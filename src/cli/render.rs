@@ -57,7 +57,9 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     }
     let contents = contents(&args.view.merge, &camera)?;
     let told = report.warnings.len();
-    let engine = engine(&mut loaded, &args.pipeline, frame, &camera, session.bars, &mut report)?;
+    let device = Device::open(&args.backend, session)?;
+    let on = (&camera, device.is_some());
+    let engine = engine(&mut loaded, &args.pipeline, frame, on, session.bars, &mut report)?;
     report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
     report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
     let look = Look { light: loaded.scene.light, background: loaded.scene.background_for(&style) };
@@ -66,7 +68,6 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let heavy = hatching.heavy();
     let names = leaf_names(&loaded);
     let leaves = Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching), names: &names };
-    let device = Device::open(&args.backend, session)?;
     report.settings.insert("backend".to_owned(), json!(device.as_ref().map_or("cpu".to_owned(), Device::name)));
     let drawing = Drawing {
         engine: &*engine,

@@ -78,10 +78,11 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let leaf_colours = leaf_colours(&loaded);
         let names = leaf_names(&loaded);
         let at_rest = Hatching::of_scene(&loaded, &style);
-        let mut engine = engine(&mut loaded, &args.pipeline, frame, &closest.camera, session.bars, &mut report)?;
+        let device = Device::open(&args.backend, session)?;
+        let on = (&closest.camera, device.is_some());
+        let mut engine = engine(&mut loaded, &args.pipeline, frame, on, session.bars, &mut report)?;
         report.settings.insert("pipeline".to_owned(), json!(engine.pipeline()));
         report.warnings[told..].iter().for_each(|warning| session.tell(&format!("warning: {warning}")));
-        let device = Device::open(&args.backend, session)?;
         report.settings.insert("backend".to_owned(), json!(device.as_ref().map_or("cpu".to_owned(), Device::name)));
         let bar = session.bars.count(missing.len() as u64, "frames");
         let mut times: Vec<Times> = Vec::new();

@@ -1,7 +1,7 @@
 //! The GPU, through wgpu: the same stages as on the CPU, in shaders of the same names.
 //!
 //! ```text
-//! device ─► buffers, scan ─► blister, splat (twins of the pipelines) ─► layers ─► composite (twin of the compositor) ─► picture
+//! device ─► buffers, scan ─► blister, splat, hybrid (twins of the pipelines) ─► layers ─► composite (twin of the compositor) ─► picture
 //!           layout, shader: structs, constants and modules, made from Rust
 //! ```
 //!
@@ -11,7 +11,9 @@
 pub mod blister;
 pub mod buffers;
 pub mod composite;
+pub mod crossings;
 pub mod device;
+pub mod hybrid;
 pub mod layers;
 pub mod layout;
 pub mod scan;

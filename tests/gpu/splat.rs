@@ -35,25 +35,25 @@ pub const TESTS: &[Test] = &[
 ];
 
 /// Differing pixels that are allowed, as a share of those that either picture covers.
-const ALLOWED: f64 = 1e-3;
+pub(crate) const ALLOWED: f64 = 1e-3;
 
 /// An expression over the leaves a, b, c …, and then aa, ab …
-fn tree(text: &str) -> Tree {
+pub(crate) fn tree(text: &str) -> Tree {
     let leaf = |name: &str| name.bytes().fold(0, |number, letter| number * 26 + u32::from(letter - b'a') + 1) - 1;
     parse(text, &mut |name| Some(LeafId(leaf(name)))).unwrap()
 }
 
-fn sphere(centre: [f64; 3], radius: f64) -> Solid {
+pub(crate) fn sphere(centre: [f64; 3], radius: f64) -> Solid {
     Solid::Sphere { centre: centre.into(), radius }
 }
 
 /// A leaf of nothing but surfels, moved by `shift`.
-fn scan(solid: &Solid, spacing: f64, shift: DVec3) -> LeafField {
+pub(crate) fn scan(solid: &Solid, spacing: f64, shift: DVec3) -> LeafField {
     let cloud = from_solid(solid, DAffine3::from_translation(shift), spacing).unwrap();
     LeafField::new(cloud, None, LeafKind::Solid)
 }
 
-fn looks(count: usize) -> Vec<LeafLook> {
+pub(crate) fn looks(count: usize) -> Vec<LeafLook> {
     let colour = |i: usize| [0.1 + 0.8 * (i % 3) as f32 / 2.0, 0.1 + 0.8 * (i % 5) as f32 / 4.0, 0.5];
     (0..count).map(|i| LeafLook { colour: Some(colour(i)), opacity: 1.0 }).collect()
 }
@@ -66,22 +66,22 @@ fn model(text: &str, leaves: &[Solid], spacing: f64) -> Model {
 /// Small, since a software adapter takes its time.
 const SIDE: u32 = 96;
 
-fn camera(eye: [f64; 3], target: [f64; 3], fov_y: f64) -> Camera {
+pub(crate) fn camera(eye: [f64; 3], target: [f64; 3], fov_y: f64) -> Camera {
     Camera::look_at(eye.into(), target.into(), DVec3::Z, Lens::FovY(fov_y), SIDE, SIDE).unwrap()
 }
 
-fn whole(camera: &Camera) -> PixelRect {
+pub(crate) fn whole(camera: &Camera) -> PixelRect {
     PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height }
 }
 
 /// What the two pictures come to.
 #[derive(Debug, Clone, Copy, Default)]
-struct Compared {
-    covered: usize,
+pub(crate) struct Compared {
+    pub covered: usize,
     boundaries: usize,
     /// Pixels that differ, and those of them without an edge or a silhouette within a pixel.
-    differing: usize,
-    off_edges: usize,
+    pub differing: usize,
+    pub off_edges: usize,
 }
 
 fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
@@ -98,7 +98,7 @@ fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
     kept && colour && depth && turn && opacity
 }
 
-fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
+pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
     let mut compared = Compared::default();
     let rect = cpu.rect;
     let kinds = |x: u32, y: u32| cpu.at(x, y).iter().map(|b| (b.leaf, b.facing));
@@ -303,7 +303,7 @@ fn parts_of_a_picture_are_the_same_bits(gpu: &'static Gpu) {
 }
 
 /// The name of the leaf that [`tree`] gives a number.
-fn name(number: u32) -> String {
+pub(crate) fn name(number: u32) -> String {
     let letter = char::from(b'a' + (number % 26) as u8);
     if number < 26 { letter.to_string() } else { name(number / 26 - 1) + &letter.to_string() }
 }

@@ -85,7 +85,7 @@ pub fn run(
         let args = PipelineArgs { pipeline, ..args.pipeline.clone() };
         let mut of_way = Report::new(std::env::args().collect());
         let watch = Stopwatch::start();
-        let engine = engine(&mut scene, &args, frame, camera, session.bars, &mut of_way)?;
+        let engine = engine(&mut scene, &args, frame, (camera, false), session.bars, &mut of_way)?;
         let prepare = watch.times();
         // The first frame pays for fresh memory.
         drop(LayerStack::collect(&*engine.frame(camera)?));

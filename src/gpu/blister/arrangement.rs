@@ -21,7 +21,7 @@ pub(super) mod flags {
     pub const PIECE_HIDDEN: u32 = 1 << 31;
     /// One of the leaves that hold all of the result.
     pub const SLOT_IN_SUPERSET: u32 = 4;
-    /// Beside a slot's number: the result is entered.
+    /// Beside a slot's number: the result is entered, or the slot's leaf.
     pub const BOUNDARY_FRONT: u32 = 1 << 31;
     /// Boundaries on it do not show.
     pub const SURFACE_HIDDEN: u32 = 1;
@@ -64,8 +64,14 @@ gpu_struct! {
         single_offsets: u32,
         /// Where in `places` their pieces are; 0 where there are none.
         singles: u32,
+        /// Words that say of a ray which leaves it begins inside of; 0 where nobody asks.
+        begins_words: u32,
         /// 1 where the expression is one product, whose next layer behind a front ends it whatever toggles there.
         is_product: u32,
+        /// Nothing.
+        gap: u32,
+        /// Nothing.
+        spare: [u32; 2],
     }
 }
 

@@ -53,7 +53,7 @@ pub struct Peeling {
 
 /// One sample of a frame, uploaded; `None` where nothing is to be drawn.
 #[derive(Debug, Clone)]
-pub struct Sample(Option<Rc<Uploaded>>);
+pub struct Sample(pub(super) Option<Rc<Uploaded>>);
 
 /// What was uploaded, and for which part of the picture; `None` where it serves for all parts.
 type UploadedFor = (Option<PixelRect>, Sample);
@@ -171,24 +171,24 @@ impl GpuLayerSource for GpuMeshFrame<'_> {
     }
 }
 
-/// Draws with room for ever more, until there is enough: `attempt` gets the room, and returns what it would have needed, and the
-/// layers where that was no more. `size` is the bytes of each.
+/// Draws with room for ever more, until there is enough: `attempt` gets the room, and returns what it would have needed, and what it
+/// drew where that was no more. `size` is the bytes of each.
 ///
 /// # Errors
 /// Those of `attempt`; [`GpuError::TooLarge`] where one buffer cannot have enough room.
-pub(super) fn with_room(
+pub(super) fn with_room<T>(
     gpu: &Gpu,
     length: &Cell<usize>,
     (what, size): (&str, usize),
     first: usize,
-    mut attempt: impl FnMut(usize) -> Result<(usize, Option<GpuLayers>), GpuError>,
-) -> Result<GpuLayers, GpuError> {
+    mut attempt: impl FnMut(usize) -> Result<(usize, Option<T>), GpuError>,
+) -> Result<T, GpuError> {
     let most = (gpu.largest_binding() as usize / size).max(1);
     let mut room = if length.get() == 0 { first } else { length.get() }.clamp(1, most);
     loop {
-        let (needed, layers) = attempt(room)?;
-        if let Some(layers) = layers {
-            return Ok(layers);
+        let (needed, drawn) = attempt(room)?;
+        if let Some(drawn) = drawn {
+            return Ok(drawn);
         }
         if needed > most {
             let needed = needed as u64 * size as u64;

@@ -22,27 +22,45 @@ pub(super) fn draw(
     uploaded: &Uploaded,
     rect: PixelRect,
 ) -> Result<GpuLayers, GpuError> {
+    listed(gpu, frame, uploaded, rect, |lists| resolve(gpu, uploaded, rect, lists))
+}
+
+/// Every fragment of a band, in a list for each pixel, in any order.
+pub(super) struct Lists {
+    /// How many fragments there are, and whether the driver cut a thread short.
+    pub length: wgpu::Buffer,
+    /// By pixel: its first fragment, plus one.
+    pub heads: wgpu::Buffer,
+    /// [`Fragment`].
+    pub nodes: wgpu::Buffer,
+}
+
+/// What `then` makes of the lists of a band.
+///
+/// # Errors
+/// Those of `then`; [`GpuError::TooLarge`] where one buffer does not hold all fragments.
+pub(super) fn listed<T>(
+    gpu: &Gpu,
+    frame: &GpuMeshFrame,
+    uploaded: &Uploaded,
+    rect: PixelRect,
+    then: impl Fn(&Lists) -> Result<T, GpuError>,
+) -> Result<T, GpuError> {
     let of = ("fragments", std::mem::size_of::<Fragment>());
     with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
-        let heads = gpu.storage::<u32>("heads", rect.area())?;
-        let nodes = gpu.storage::<Fragment>("nodes", room)?;
-        let length = gpu.storage::<u32>("length", 2)?;
-        raster(gpu, uploaded, rect, &length, &heads, &nodes)?;
-        let needed = gpu.download::<u32>(&length, 1)?[0] as usize;
-        let layers = (needed <= room).then(|| resolve(gpu, uploaded, rect, &length, &heads, &nodes)).transpose()?;
-        Ok((needed, layers))
+        let lists = Lists {
+            length: gpu.storage::<u32>("length", 2)?,
+            heads: gpu.storage::<u32>("heads", rect.area())?,
+            nodes: gpu.storage::<Fragment>("nodes", room)?,
+        };
+        raster(gpu, uploaded, rect, &lists)?;
+        let needed = gpu.download::<u32>(&lists.length, 1)?[0] as usize;
+        Ok((needed, (needed <= room).then(|| then(&lists)).transpose()?))
     })
 }
 
-/// Draws everything into the lists; `length` becomes the number of fragments, whether or not they had room.
-fn raster(
-    gpu: &Gpu,
-    uploaded: &Uploaded,
-    rect: PixelRect,
-    length: &wgpu::Buffer,
-    heads: &wgpu::Buffer,
-    nodes: &wgpu::Buffer,
-) -> Result<(), GpuError> {
+/// Draws everything into the lists; their length becomes the number of fragments, whether or not they had room.
+fn raster(gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect, lists: &Lists) -> Result<(), GpuError> {
     let frame = gpu.uniform("frame", &uploaded.band(rect));
     let target = gpu.target("target", rect, NO_COLOUR)?;
     let mut commands = gpu.commands();
@@ -52,6 +70,7 @@ fn raster(
         pass.set_vertex_buffer(0, uploaded.corners.slice(..));
         for (topology, vertices) in KINDS.into_iter().zip(uploaded.vertices()).filter(|(_, range)| !range.is_empty()) {
             let pipeline = pipeline(gpu, uploaded, "list_fragment", topology, false);
+            let Lists { length, heads, nodes } = lists;
             let buffers = [(0, &frame), (3, &uploaded.surfaces), (4, length), (5, heads), (7, nodes)];
             pass.set_pipeline(&pipeline);
             pass.set_bind_group(0, &gpu.bind_layout(&pipeline.get_bind_group_layout(0), &buffers), &[]);
@@ -64,14 +83,8 @@ fn raster(
     Ok(())
 }
 
-fn resolve(
-    gpu: &Gpu,
-    uploaded: &Uploaded,
-    rect: PixelRect,
-    length: &wgpu::Buffer,
-    heads: &wgpu::Buffer,
-    nodes: &wgpu::Buffer,
-) -> Result<GpuLayers, GpuError> {
+fn resolve(gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect, lists: &Lists) -> Result<GpuLayers, GpuError> {
+    let Lists { length, heads, nodes } = lists;
     let pixels = rect.area();
     let frame = gpu.uniform("frame", &uploaded.band(rect));
     // One more than there are pixels: sums need a last zero.

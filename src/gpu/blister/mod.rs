@@ -18,6 +18,7 @@
 //! in parts by whoever asked.
 
 pub mod arrangement;
+mod crossings;
 mod draws;
 pub mod frame;
 mod list;
@@ -27,6 +28,7 @@ mod tiles;
 
 pub use frame::{Classifier, GpuMeshFrame, Peeling};
 
+use super::crossings::{CROSSING_ENTERS, CROSSING_SHOWS, CrossingRecord, LEAVES_A_WORD};
 use super::layers::LayerRecord;
 use super::shader::Shader;
 use crate::csg::steps::{INSIDE, OUTSIDE};
@@ -70,6 +72,9 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_constant("LAST_KEY", LAST_KEY)
         .with_constant("ALL_ORDERS", ALL_ORDERS)
         .with_constant("SLOT_ENDLESS", flags::SLOT_ENDLESS)
+        .with_constant("LEAVES_A_WORD", LEAVES_A_WORD)
+        .with_constant("CROSSING_ENTERS", CROSSING_ENTERS)
+        .with_constant("CROSSING_SHOWS", CROSSING_SHOWS)
         .with_constant("SURFACE_HIDDEN", flags::SURFACE_HIDDEN)
         .with_constant("SURFACE_OWN_COLOUR", flags::SURFACE_OWN_COLOUR)
         .with_constant("SURFACE_CORNER_COLOURS", flags::SURFACE_CORNER_COLOURS)
@@ -85,12 +90,14 @@ pub(super) fn shader(words: u32) -> Shader {
         .with_struct::<KeptBoundary>()
         .with_struct::<PlacedCorner>()
         .with_struct::<LayerRecord>()
+        .with_struct::<CrossingRecord>()
         .with_text(include_str!("../../../shaders/blister/frame.wgsl"))
         .with_text(include_str!("../../../shaders/blister/expression.wgsl"))
         .with_text(include_str!("../../../shaders/blister/raster.wgsl"))
         .with_text(include_str!("../../../shaders/blister/list.wgsl"))
         .with_text(include_str!("../../../shaders/blister/resolve.wgsl"))
         .with_text(include_str!("../../../shaders/blister/write.wgsl"))
+        .with_text(include_str!("../../../shaders/blister/crossings.wgsl"))
         .with_text(include_str!("../../../shaders/blister/peel.wgsl"))
         .with_text(include_str!("../../../shaders/blister/tiles.wgsl"))
 }

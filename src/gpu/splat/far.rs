@@ -2,7 +2,8 @@
 //!
 //! *Practice.* The trees are those of the CPU ([`crate::geometry::winding`], [`crate::surfel::ball_tree`]), in `f32` about one
 //! origin of the scene: a point that no surfel reaches is at least about a surfel's radius away from the surface. Only leaves
-//! that a surfel of another leaf comes near to are ever asked.
+//! that a surfel of another leaf comes near to are ever asked, and, where there are leaves that crossings tell of, all, since those cross
+//! anywhere.
 
 use glam::{DVec3, Vec3};
 
@@ -64,9 +65,10 @@ impl Far {
     pub fn of(model: &Model, origin: DVec3) -> Self {
         let mut far = Self::default();
         let leaves = || (0..model.fields.len() as u32).map(LeafId);
+        let has_crossed = model.fields.iter().any(|field| field.exact.is_some());
         for leaf in leaves() {
             let may_ask = |other: LeafId| !matches!(model.pair(other, leaf), None | Some(PairStatus::Whole(_)));
-            let of_leaf = match leaves().any(may_ask) {
+            let of_leaf = match has_crossed || leaves().any(may_ask) {
                 true => far.push(&model.fields[leaf.0 as usize], origin),
                 false => FarLeaf::default(),
             };

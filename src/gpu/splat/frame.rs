@@ -6,6 +6,8 @@ use super::project::{ChunkView, Chunks, SplatView, SurfelView};
 use super::shaders;
 use super::trace::{Room, Scene, grid};
 use crate::classify::Model;
+use crate::csg::LeafId;
+use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::{Gpu, GpuError, GpuLayerSource, GpuLayers};
 use crate::layers::LayerLimit;
 use crate::space::{Camera, PixelRect};
@@ -25,13 +27,15 @@ pub struct GpuSplatFrame<'a> {
     samples: u32,
     chunks: Chunks,
     room: Room,
+    /// Finds the leaves that have no surfels.
+    source: Option<Box<dyn GpuCrossingSource + 'a>>,
 }
 
 impl<'a> GpuSplatFrame<'a> {
     /// Of `scene`, which was uploaded as `model`, for `camera`.
     ///
     /// # Errors
-    /// [`GpuSplatError::Settings`].
+    /// [`GpuSplatError::Settings`]; [`GpuSplatError::ExactLeaf`] where a leaf has no surfels: see [`crossed`](Self::crossed).
     pub fn new(
         scene: &Model,
         model: &'a GpuSplatModel,
@@ -43,9 +47,44 @@ impl<'a> GpuSplatFrame<'a> {
         if settings.clip != Clip::Surface || settings.partners_among().is_some() {
             return Err(GpuSplatError::Settings);
         }
+        match model.exact {
+            Some(leaf) => Err(GpuSplatError::ExactLeaf { leaf }),
+            None => Ok(Self::of(scene, model, camera, limit, samples, None)),
+        }
+    }
+
+    /// The same with leaves that `source` finds, which must be exact, without surfels, in `scene`; it draws frames of `camera` with as many
+    /// samples. Surfaces are clipped on the field.
+    ///
+    /// # Errors
+    /// [`GpuSplatError::ExactLeaf`] for a leaf without surfels that `source` does not find.
+    pub fn crossed(
+        scene: &Model,
+        model: &'a GpuSplatModel,
+        camera: Camera,
+        limit: LayerLimit,
+        samples: u32,
+        source: Box<dyn GpuCrossingSource + 'a>,
+    ) -> Result<Self, GpuSplatError> {
+        let found = source.leaves();
+        let is_missing = |leaf: &LeafId| scene.fields[leaf.0 as usize].exact.is_some() && !found.contains(leaf);
+        match scene.tree.leaves().into_iter().find(is_missing) {
+            Some(leaf) => Err(GpuSplatError::ExactLeaf { leaf }),
+            None => Ok(Self::of(scene, model, camera, limit, samples, Some(source))),
+        }
+    }
+
+    fn of(
+        scene: &Model,
+        model: &'a GpuSplatModel,
+        camera: Camera,
+        limit: LayerLimit,
+        samples: u32,
+        source: Option<Box<dyn GpuCrossingSource + 'a>>,
+    ) -> Self {
         let view = View::new(camera);
         let chunks = Chunks::new(scene, &model.parts, &view);
-        Ok(Self { model, camera: view.camera, limit, samples, chunks, room: Room::new(FIRST_ROOM) })
+        Self { model, camera: view.camera, limit, samples, chunks, room: Room::new(FIRST_ROOM), source }
     }
 
     /// The same with room for `count` groups and hits at first. It grows where that does not do.
@@ -94,8 +133,10 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
         // A block's surfels are the same whatever part of it is drawn.
         let [x, y, across, down] = grid.map(|blocks| blocks * BLOCK);
         let blocks = PixelRect { x0: x, y0: y, x1: x + across, y1: y + down };
-        let Some(views) = self.project(gpu, &mut of, blocks)? else {
-            return GpuLayers::upload(gpu, &crate::layers::LayerTile::empty(rect));
+        let views = match (self.project(gpu, &mut of, blocks)?, &self.source) {
+            (Some(views), _) => views,
+            (None, Some(_)) => gpu.storage::<SurfelView>("no views", 0)?,
+            (None, None) => return GpuLayers::upload(gpu, &crate::layers::LayerTile::empty(rect)),
         };
         let bins = Bins::new(gpu, &of, &views)?;
         let scene = Scene {
@@ -104,6 +145,7 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
             far: &self.model.far,
             tables: &self.model.tables,
             leaf_words: self.model.leaf_words,
+            source: self.source.as_deref(),
         };
         scene.trace(gpu, &of, rect, self.samples, &self.room)
     }

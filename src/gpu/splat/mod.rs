@@ -11,6 +11,7 @@
 //! each as a pair of `f32` whose sum it is; all that kernels compute is relative to a chunk or to a block's nearest surfel.
 
 mod bins;
+mod crossed;
 mod far;
 mod frame;
 mod model;

@@ -15,8 +15,8 @@ use crate::surfel::CHUNK;
 /// Why the GPU does not draw a scene of surfels.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GpuSplatError {
-    /// A leaf is not made of surfels alone.
-    #[error("leaf {} keeps its own form, which the GPU's surfel pipeline does not draw", leaf.0)]
+    /// A leaf keeps its own form, and nobody tells where rays cross it.
+    #[error("leaf {} keeps its own form, which the GPU's surfel pipeline does not find by itself: use --pipeline hybrid", leaf.0)]
     ExactLeaf {
         /// Which.
         leaf: LeafId,
@@ -92,6 +92,8 @@ pub struct GpuSplatModel {
     /// The origin of what is far, world space.
     pub(super) origin: DVec3,
     pub(super) leaves: usize,
+    /// The first leaf that crossings have to tell of.
+    pub(super) exact: Option<LeafId>,
     /// [`tables::LEAF_BITS`] to a word.
     pub(super) leaf_words: u32,
 }
@@ -100,12 +102,14 @@ impl GpuSplatModel {
     /// Uploads `model`.
     ///
     /// # Errors
-    /// [`GpuSplatError::ExactLeaf`], and [`GpuError::TooLarge`] where what decides sides far from surfels, or the expression's
+    /// [`GpuSplatError::ExactLeaf`] for a leaf that has surfels beside its own form, and [`GpuError::TooLarge`] where what decides sides far from surfels, or the expression's
     /// tables, fit no buffer. Surfels themselves are split.
     pub fn new(gpu: &Gpu, model: &Model) -> Result<Self, GpuSplatError> {
-        let exact = |leaf: &usize| model.fields[*leaf].exact.is_some();
-        if let Some(leaf) = (0..model.fields.len()).find(exact) {
-            return Err(GpuSplatError::ExactLeaf { leaf: LeafId(leaf as u32) });
+        let first = |is_it: &dyn Fn(&LeafField) -> bool| {
+            model.fields.iter().position(|field| is_it(field)).map(|leaf| LeafId(leaf as u32))
+        };
+        if let Some(leaf) = first(&|field| field.exact.is_some() && !field.cloud.is_empty()) {
+            return Err(GpuSplatError::ExactLeaf { leaf });
         }
         let origin = middle(model);
         let far = Far::of(model, origin);
@@ -118,6 +122,7 @@ impl GpuSplatModel {
             far: gpu.upload("far sides", &far.rows)?,
             origin,
             leaves: model.fields.len(),
+            exact: first(&|field| field.exact.is_some()),
             leaf_words: tables::leaf_words(model.fields.len()),
         })
     }

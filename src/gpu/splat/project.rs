@@ -49,6 +49,14 @@ gpu_struct! {
         leaves: u32,
         /// 1 where the part that is projected has ellipses.
         has_supports: u32,
+        /// Where in the buffer of the blocks' lists the offsets of crossings are; 0 where there are none.
+        crossings: u32,
+        /// And what rays begin inside of.
+        begins: u32,
+        /// Words of that for a pixel.
+        begins_words: u32,
+        /// And the crossings.
+        first_crossing: u32,
     }
 }
 

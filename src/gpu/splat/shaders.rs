@@ -4,7 +4,7 @@ use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
 use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
-use super::{bins, tables};
+use super::{bins, crossed, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
@@ -50,7 +50,7 @@ fn owners(shader: Shader) -> Shader {
 /// Traces rays, in a scene whose sets of leaves take `leaf_words` words.
 pub(super) fn trace(leaf_words: u32) -> Shader {
     let shader = Shader::new("splat trace").with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
-    tables::with_constants(tables::with_kinds(owners(shader)))
+    crossed::with_constants(tables::with_constants(tables::with_kinds(owners(shader))))
         .with_constant("LEAF_WORDS", leaf_words)
         .with_constant("BLOCK", BLOCK)
         .with_constant("LISTS", bins::LISTS)
@@ -75,6 +75,7 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_text(include_str!("../../../shaders/splat/far.wgsl"))
         .with_text(include_str!("../../../shaders/splat/residual.wgsl"))
         .with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/crossed.wgsl"))
 }
 
 /// Joins samples.

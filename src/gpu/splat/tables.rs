@@ -12,19 +12,25 @@ use crate::classify::{Drawn, Model};
 use crate::csg::LeafId;
 use crate::csg::blist::{Blist, Jump};
 use crate::csg::residual::{Crossing, EdgeResidual, Membership, Rule};
+use crate::gpu::crossings::LEAVES_A_WORD;
 use crate::gpu::shader::Shader;
 use crate::scene::LeafKind;
 use crate::surfel::CHUNK;
 
 use super::far::{Far, Way};
 
-/// Words of the header: where the parts begin, and how many leaves occur uncomplemented.
-const HEADER: usize = 5;
+/// Words of the header: where the parts begin, how many leaves occur uncomplemented, and how many entries the Blist has.
+const HEADER: usize = 6;
 const AT_LEAVES: usize = 0;
 const AT_POSITIVE: usize = 1;
 const POSITIVE_COUNT: usize = 2;
 const AT_LIST: usize = 3;
 const AT_PAIRS: usize = 4;
+const LIST_LENGTH: usize = 5;
+
+/// Bits of a leaf's first word: it holds no point; crossings tell of it, not surfels.
+const LEAF_SHEET: u32 = 1;
+const LEAF_EXACT: u32 = 2;
 
 /// Words of a leaf.
 const LEAF_STRIDE: usize = 7;
@@ -46,7 +52,7 @@ const STATUS_BITS: u32 = 2;
 const FIRST_PART: u32 = 3;
 
 /// Leaves that one word of a set has bits for.
-pub(super) const LEAF_BITS: u32 = u32::BITS;
+pub(super) const LEAF_BITS: u32 = LEAVES_A_WORD;
 
 /// Words of a set of leaves.
 pub(super) fn leaf_words(leaves: usize) -> u32 {
@@ -93,7 +99,8 @@ impl Tables {
         let mut tables = Self { words: vec![0; HEADER], residuals: Vec::new() };
         tables.words[AT_LEAVES] = tables.end();
         for (field, far) in model.fields.iter().zip(&far.leaves) {
-            let kind = u32::from(field.kind == LeafKind::Sheet);
+            let sheet = if field.kind == LeafKind::Sheet { LEAF_SHEET } else { 0 };
+            let kind = sheet | if field.exact.is_some() { LEAF_EXACT } else { 0 };
             let threshold = far.threshold.to_bits();
             let words = [kind, far.way as u32, far.nodes, far.runs, far.elements, far.count, threshold];
             tables.words.extend::<[u32; LEAF_STRIDE]>(words);
@@ -102,6 +109,7 @@ impl Tables {
         tables.words[POSITIVE_COUNT] = model.positive_leaves().len() as u32;
         tables.words.extend(model.positive_leaves().iter().map(|leaf| leaf.0));
         tables.words[AT_LIST] = tables.end();
+        tables.words[LIST_LENGTH] = model.list.entries().len() as u32;
         tables.list(&model.list, |leaf| leaf.0);
         tables.pairs(model);
         for classes in &model.classes {
@@ -207,6 +215,9 @@ pub(super) fn with_constants(shader: Shader) -> Shader {
         .with_constant("POSITIVE_COUNT", POSITIVE_COUNT as u32)
         .with_constant("AT_LIST", AT_LIST as u32)
         .with_constant("AT_PAIRS", AT_PAIRS as u32)
+        .with_constant("LIST_LENGTH", LIST_LENGTH as u32)
+        .with_constant("LEAF_SHEET", LEAF_SHEET)
+        .with_constant("LEAF_EXACT", LEAF_EXACT)
         .with_constant("LEAF_STRIDE", LEAF_STRIDE as u32)
         .with_constant("LEAF_BITS", LEAF_BITS)
         .with_constant("ENTRY_STRIDE", ENTRY_STRIDE)

@@ -7,8 +7,10 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::bins::{Bins, LISTS};
+use super::crossed;
 use super::project::SplatView;
 use super::shaders;
+use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::gpu_struct;
@@ -121,6 +123,8 @@ pub(super) struct Scene<'a> {
     pub far: &'a wgpu::Buffer,
     pub tables: &'a wgpu::Buffer,
     pub leaf_words: u32,
+    /// Finds the leaves that have no surfels.
+    pub source: Option<&'a dyn GpuCrossingSource>,
 }
 
 impl Scene<'_> {
@@ -137,7 +141,8 @@ impl Scene<'_> {
         samples: u32,
         room: &Room,
     ) -> Result<GpuLayers, GpuError> {
-        let trace = gpu.kernel(&shaders::trace(self.leaf_words), "trace");
+        let shader = shaders::trace(self.leaf_words);
+        let trace = gpu.kernel(&shader, "trace");
         let [merge, finish] = ["merge_sample", "finish_merge"].map(|entry| gpu.kernel(&shaders::merge(), entry));
         let merged = gpu.storage::<u32>("merged pixels", if samples > 1 { rect.area() } else { 0 })?;
         let blocks = (of.grid[2] * of.grid[3]) as usize;
@@ -153,19 +158,34 @@ impl Scene<'_> {
             let samples = sample_offsets(samples);
             for (sample, place) in samples.iter().enumerate() {
                 let place = place.as_vec2().to_array();
-                let uniform = gpu.uniform("splat view", &SplatView { place, samples: 1 << sample, ..rooms });
-                let buffers = [
+                let rooms = SplatView { place, samples: 1 << sample, ..rooms };
+                let crossed = match self.source {
+                    Some(source) => {
+                        // What the source does waits for the device: what was told before is better begun with.
+                        std::mem::replace(&mut commands, gpu.commands()).submit();
+                        let crossings = source.crossings(gpu, rect, sample)?;
+                        Some(crossed::beside(&mut commands, &self.bins.starts, blocks, &crossings, &rooms)?)
+                    }
+                    None => None,
+                };
+                let (starts, of_sample) = crossed.as_ref().map_or((&self.bins.starts, rooms), |(all, of)| (all, *of));
+                let uniform = gpu.uniform("splat view", &of_sample);
+                let shared = [
                     (0, &uniform),
                     (1, self.views),
                     (2, &self.bins.members),
-                    (3, &self.bins.starts),
-                    (4, &groups),
+                    (3, starts),
                     (5, &pixels),
                     (6, self.far),
                     (7, self.tables),
                     (8, &hits),
                 ];
+                let buffers = [&shared[..], &[(4, &groups)]].concat();
                 commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), blocks);
+                if crossed.is_some() {
+                    let trace_crossed = gpu.kernel(&shader, "trace_crossed");
+                    commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), blocks);
+                }
                 if samples.len() > 1 {
                     let buffers = [(0, &uniform), (1, &hits), (2, &pixels), (3, &merged)];
                     commands.dispatch(&merge, &gpu.bind(&merge, &buffers), rect.area());
