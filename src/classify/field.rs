@@ -48,8 +48,8 @@ pub struct LeafField {
     /// Solid or sheet.
     pub kind: LeafKind,
     winding: Option<Inside>,
-    /// The surfels' mean radius, world units.
-    typical_radius: f32,
+    /// The surfels' largest radius, world units.
+    largest_radius: f32,
 }
 
 /// Winding numbers with the level that separates inside from outside.
@@ -64,9 +64,8 @@ impl LeafField {
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
         let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
         let tree = BallTree::new(&cloud);
-        let radii: f64 = cloud.surfels.iter().map(|surfel| f64::from(surfel.radius)).sum();
-        let typical_radius = (radii / cloud.len().max(1) as f64) as f32;
-        Self { cloud, tree, exact, kind, winding, typical_radius }
+        let largest_radius = cloud.surfels.iter().map(|surfel| surfel.radius).fold(0.0, f32::max);
+        Self { cloud, tree, exact, kind, winding, largest_radius }
     }
 
     /// The leaf moved by `motion`.
@@ -247,26 +246,28 @@ impl LeafField {
             sums.weights += w;
             sums.values += w * (e.dot(surfel.normal) + 0.5 * e.dot(bend));
             sums.normals += (surfel.normal + bend) * w;
+            sums.radii += w * surfel.radius;
         }
         sums
     }
 
-    /// The mean radius of the leaf's surfels, world units; 0 where it has none.
-    pub fn typical_radius(&self) -> f32 {
-        self.typical_radius
+    /// The largest radius of the leaf's surfels, world units; infinite where it has none, and is exact.
+    pub fn largest_radius(&self) -> f32 {
+        if self.cloud.is_empty() { f32::INFINITY } else { self.largest_radius }
     }
 
-    /// The outward unit normal of the leaf's surface where that is within `tolerance` (world units) of `p_in_world`: of the curved
-    /// field's surface, or of an exact leaf's along the unit direction `along_in_world`. `found` is scratch.
+    /// The outward unit normal of the leaf's surface where that is as near to `p_in_world` as `share` of `radius` (world units), or
+    /// of the mean radius of the surfels there where that is less: of the curved field's surface, or of an exact leaf's along the unit
+    /// direction `along_in_world`. `found` is scratch.
     pub fn surface_within(
         &self,
         p_in_world: DVec3,
         along_in_world: DVec3,
-        tolerance: f32,
+        (share, radius): (f32, f32),
         found: &mut Vec<(u32, f32)>,
     ) -> Option<DVec3> {
-        let tolerance = f64::from(tolerance);
         if let Some(exact) = &self.exact {
+            let tolerance = f64::from(share * radius.min(self.largest_radius()));
             if exact.is_farther_than(p_in_world, tolerance) {
                 return None;
             }
@@ -275,9 +276,9 @@ impl LeafField {
             let hits = [crossing(true), crossing(false)].into_iter().flatten();
             return hits.min_by(|a, b| a.t.abs().total_cmp(&b.t.abs())).map(|hit| hit.normal_in_world);
         }
-        let FieldAt { weights, values, normals } = self.field_at(p_in_world, found);
+        let FieldAt { weights, values, normals, radii } = self.field_at(p_in_world, found);
         // NaN, where no surfel reaches, is not near.
-        let is_near = f64::from((values / weights).abs()) <= tolerance;
+        let is_near = (values / weights).abs() <= share * radius.min(radii / weights);
         is_near.then(|| normals.as_dvec3().normalize_or_zero())
     }
 
@@ -312,6 +313,7 @@ struct FieldAt {
     values: f32,
     /// Of their quadrics' normals.
     normals: Vec3,
+    radii: f32,
 }
 
 /// Reused between the surfels of a chunk, which lie near each other.

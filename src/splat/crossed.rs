@@ -228,6 +228,13 @@ impl<'a> Crossed<'a> {
         self.tile.inside(self.pixel(place), leaf, (self.anchor + f64::from(t)) as f32)
     }
 
+    /// Whether the ray at `place` may cross `leaf` nearer than `within` to depth `t` (less the anchor).
+    pub(super) fn may_cross_within(&self, place: (u32, u32), leaf: LeafId, t: f32, within: f32) -> bool {
+        let is_told = self.of_source.binary_search(&leaf).is_ok() && !self.tile.is_undecided(self.pixel(place), leaf);
+        let near = |c: &Crossing| (f64::from(c.depth) - self.anchor - f64::from(t)).abs() <= f64::from(within);
+        !is_told || self.tile.of(self.pixel(place)).iter().any(|c| c.leaf == leaf && near(c))
+    }
+
     fn pixel(&self, (x, y): (u32, u32)) -> usize {
         (y * self.tile.width + x) as usize
     }
@@ -368,8 +375,8 @@ impl<'a> Crossed<'a> {
         })
     }
 
-    /// Adds the crossings of a peel with whose surfaces those of scans coincide within `tolerance`, world units.
-    pub(super) fn tie(&self, walk: &Walk, peel: &Peel<'_>, tolerance: f32, out: &mut Vec<Tied>) {
+    /// Adds the crossings of a peel with whose surfaces those of a scan coincide; its surfels have at most this `radius`, world units.
+    pub(super) fn tie(&self, walk: &Walk, peel: &Peel<'_>, radius: f32, out: &mut Vec<Tied>) {
         let Some(left) = &self.left else { return };
         let px = self.px(walk.pixel);
         let dir = self.view.camera.ray(px).dir;
@@ -382,7 +389,8 @@ impl<'a> Crossed<'a> {
             let normal = self.view.camera.rotate_to_view(normal_in_world.as_dvec3()).as_vec3();
             out.push(Tied {
                 t: peel.t,
-                reach: tied::reach(tolerance, normal, dir_in_view),
+                reach: tied::reach(radius, normal, dir_in_view),
+                radius,
                 leaf: crossing.leaf,
                 enters: crossing.enters,
                 normal,

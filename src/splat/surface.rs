@@ -264,10 +264,9 @@ pub fn trace_row<S: Simd>(
     }
     for (lane, hits) in hits.iter_mut().enumerate() {
         if !scratch.tied[lane].is_empty() {
-            let ray = ray_of(tile, at, lane);
+            let (px, camera) = (px_of(tile, at, lane), &tile.view.camera);
             tied::clusters(&mut scratch.tied[lane], |members| {
-                let p_in_world = ray.at(tile.anchor + f64::from(members[0].t));
-                hits.extend(tied::boundary(tile.model, members, p_in_world));
+                hits.extend(tied::boundary(tile.model, camera, px, tile.anchor, members));
             });
         }
         finish_ray(hits, nearest_only);
@@ -300,8 +299,12 @@ fn row_of<S: Simd>(simd: S, tile: &Tile<'_>, x0: u32, y: u32, offset: DVec2) -> 
 
 /// The world-space ray of one lane.
 pub(super) fn ray_of(tile: &Tile<'_>, at: At, lane: usize) -> Ray {
-    let px = DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y);
-    tile.view.camera.ray(px)
+    tile.view.camera.ray(px_of(tile, at, lane))
+}
+
+/// Where on the picture it is.
+fn px_of(tile: &Tile<'_>, at: At, lane: usize) -> DVec2 {
+    DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y)
 }
 
 /// Solves one surface, clips it and keeps what is on the result.
@@ -396,11 +399,16 @@ fn resolve<S: Simd>(
     }
     // Step 2: ask the residual of the nearest surfel, once for each residual that occurs.
     let mut crossings: [Option<(Crossing, u32)>; LANES] = [None; LANES];
-    let in_world = |lane: usize| (points[lane], tile.view.normal_to_world(normals[lane]));
-    // A hit with whose surface another may coincide, within the tolerance.
-    let tied = |lane: usize, tolerance: f32| Tied {
+    let in_world = |lane: usize| OnSurface {
+        p_in_world: points[lane],
+        normal_in_world: tile.view.normal_to_world(normals[lane]),
+        radius: tile.surfels[best[lane] as usize].radius,
+    };
+    // A hit with whose surface another may coincide.
+    let tied = |lane: usize| Tied {
         t: t[lane],
-        reach: tied::reach(tolerance, normals[lane], Vec3::new(row.dir_x[lane], row.dir_y, 1.0)),
+        reach: tied::reach(in_world(lane).radius, normals[lane], Vec3::new(row.dir_x[lane], row.dir_y, 1.0)),
+        radius: in_world(lane).radius,
         leaf: run.leaf,
         enters: slot.front,
         normal: normals[lane],
@@ -422,7 +430,7 @@ fn resolve<S: Simd>(
                     if strayed >> lane & 1 == 1 {
                         match crossing_of_tree(tile, run.leaf, in_world(lane), &mut scratch.found) {
                             Ok(crossing) => crossings[lane] = crossing,
-                            Err(tolerance) => scratch.tied[lane].push(tied(lane, tolerance)),
+                            Err(IsTied) => scratch.tied[lane].push(tied(lane)),
                         }
                         continue;
                     }
@@ -438,7 +446,7 @@ fn resolve<S: Simd>(
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
                     match crossing_of_tree(tile, run.leaf, in_world(lane), &mut scratch.found) {
                         Ok(crossing) => crossings[lane] = crossing,
-                        Err(tolerance) => scratch.tied[lane].push(tied(lane, tolerance)),
+                        Err(IsTied) => scratch.tied[lane].push(tied(lane)),
                     }
                 }
             }
@@ -464,20 +472,18 @@ fn resolve<S: Simd>(
                 known.clear();
                 known.resize(residual.near.len(), None);
                 for lane in (0..LANES).filter(|&l| mask >> l & 1 == 1) {
-                    let mut tolerance = 0.0_f32;
+                    let mut is_tied = false;
                     let crossing = residual.crossing(|place| {
                         let near = residual.near[place];
                         let told = *known[place].get_or_insert_with(|| {
-                            let hits = Hits { own: Some(run.leaf), t: &t, of_lane: &in_world, at, mask };
+                            let hits = Hits { t: &t, of_lane: &in_world, at, mask };
                             sides(row, tile, runs, crossed, near, hits, cache, scratch)
                         });
-                        if told.is_tied(lane) {
-                            tolerance = tolerance.max(tied::tolerance(field, &tile.model.fields[near.0 as usize]));
-                        }
+                        is_tied |= told.is_tied(lane);
                         told.is_inside(lane)
                     });
-                    if tolerance > 0.0 {
-                        scratch.tied[lane].push(tied(lane, tolerance));
+                    if is_tied {
+                        scratch.tied[lane].push(tied(lane));
                         continue;
                     }
                     crossings[lane] = crossing.map(|crossing| {
@@ -545,13 +551,17 @@ fn resolve_crossed<S: Simd>(
     let mut known = std::mem::take(&mut scratch.known);
     while open != 0 {
         let mut peels: [Option<Peel<'_>>; LANES] = [None; LANES];
-        let (mut t, mut of_peel) = ([f32::INFINITY; LANES], [(DVec3::ZERO, Vec3::ZERO); LANES]);
+        let (mut t, mut of_peel) = ([f32::INFINITY; LANES], [OnSurface::default(); LANES]);
         let going = open;
         for lane in (0..LANES).filter(|lane| going >> lane & 1 == 1) {
             match crossed.next(&mut walks[lane]) {
                 Some(peel) if !(nearest_only && peel.t >= hidden[lane]) => {
                     t[lane] = peel.t;
-                    of_peel[lane] = (crossed.point(&walks[lane], &peel), peel.normal_in_world());
+                    of_peel[lane] = OnSurface {
+                        p_in_world: crossed.point(&walks[lane], &peel),
+                        normal_in_world: peel.normal_in_world(),
+                        radius: f32::INFINITY,
+                    };
                     peels[lane] = Some(peel);
                 }
                 _ => open &= !(1 << lane),
@@ -562,19 +572,19 @@ fn resolve_crossed<S: Simd>(
         let mask = open;
         for lane in (0..LANES).filter(|lane| mask >> lane & 1 == 1) {
             let Some(peel) = &peels[lane] else { continue };
-            let mut tolerance = 0.0_f32;
+            let mut radius = None;
             let hit = crossed.boundary(&mut walks[lane], peel, |leaf| {
                 let told = *known[leaf.0 as usize].get_or_insert_with(|| {
-                    let hits = Hits { own: None, t: &t, of_lane: &|lane| of_peel[lane], at, mask };
+                    let hits = Hits { t: &t, of_lane: &|lane| of_peel[lane], at, mask };
                     sides(row, tile, runs, None, leaf, hits, cache, scratch)
                 });
                 if told.is_tied(lane) {
-                    tolerance = tolerance.max(tied::TIED_SHARE * tile.model.fields[leaf.0 as usize].typical_radius());
+                    radius = Some(tile.model.fields[leaf.0 as usize].largest_radius());
                 }
                 told.is_inside(lane)
             });
-            if tolerance > 0.0 {
-                crossed.tie(&walks[lane], peel, tolerance, &mut scratch.tied[lane]);
+            if let Some(radius) = radius {
+                crossed.tie(&walks[lane], peel, radius, &mut scratch.tied[lane]);
                 continue;
             }
             let Some(hit) = hit else { continue };
@@ -592,38 +602,36 @@ fn resolve_crossed<S: Simd>(
     *hidden_from = f32x8::load_array(row.simd, hidden);
 }
 
-/// How the result changes where `own` is crossed at a point, by the whole expression, and whose material lies behind. `Err` with the
-/// tolerance where the surface of another leaf, on which the answer depends, coincides with `own`'s. The point comes with the
-/// surface's unit normal, either way; both in world space.
+/// The surface of another leaf, on which the answer depends, coincides with that of the hit.
+struct IsTied;
+
+/// How the result changes where `own` is crossed at a point, by the whole expression, and whose material lies behind.
 fn crossing_of_tree(
     tile: &Tile<'_>,
     own: LeafId,
-    (p_in_world, normal_in_world): (DVec3, Vec3),
+    on_surface: OnSurface,
     found: &mut Vec<(u32, f32)>,
-) -> Result<Option<(Crossing, u32)>, f32> {
+) -> Result<Option<(Crossing, u32)>, IsTied> {
     let model = tile.model;
     let field = |leaf: LeafId| &model.fields[leaf.0 as usize];
-    let mut tied_within = 0.0_f32;
+    let mut is_tied = false;
     let mut with_own = |inside_own: bool| {
         model.list.eval(|leaf| {
             if leaf == own {
                 return inside_own;
             }
-            let tolerance = tied::tolerance(field(own), field(leaf));
-            if tied::coincides(field(leaf), p_in_world, normal_in_world.as_dvec3(), tolerance, found) {
-                tied_within = tied_within.max(tolerance);
-            }
-            field(leaf).contains(p_in_world, found)
+            is_tied |= on_surface.is_tied(field(leaf), found);
+            field(leaf).contains(on_surface.p_in_world, found)
         })
     };
     let crossing = Crossing::between(with_own(false), with_own(true));
-    if tied_within > 0.0 {
-        return Err(tied_within);
+    if is_tied {
+        return Err(IsTied);
     }
     Ok(crossing.map(|crossing| {
         let body = match crossing {
             Crossing::Rises => None,
-            Crossing::Falls => body_at(model, own, |leaf| field(leaf).contains(p_in_world, found)),
+            Crossing::Falls => body_at(model, own, |leaf| field(leaf).contains(on_surface.p_in_world, found)),
         };
         (crossing, body.unwrap_or(own).0)
     }))
@@ -634,14 +642,29 @@ fn snapped(opacity: f32) -> f32 {
     if opacity > 1.0 - OPACITY_ROUNDING { 1.0 } else { opacity.max(0.0) }
 }
 
+/// A point on a surface.
+#[derive(Debug, Clone, Copy, Default)]
+struct OnSurface {
+    p_in_world: DVec3,
+    /// Unit normal, either way.
+    normal_in_world: Vec3,
+    /// Of the surfel there, world units; infinite where there is none.
+    radius: f32,
+}
+
+impl OnSurface {
+    /// Whether the surface of `field` coincides with this one.
+    fn is_tied(&self, field: &LeafField, found: &mut Vec<(u32, f32)>) -> bool {
+        let Self { p_in_world, normal_in_world, radius } = *self;
+        tied::coincident(field, p_in_world, normal_in_world.as_dvec3(), radius, found).is_some()
+    }
+}
+
 /// Points on surfaces, one for each lane of `mask`.
 struct Hits<'h> {
-    /// Whose surface, where it is made of surfels.
-    own: Option<LeafId>,
     /// Depths less the tile's anchor.
     t: &'h [f32; LANES],
-    /// The point, and the surface's unit normal there, either way; world space.
-    of_lane: &'h dyn Fn(usize) -> (DVec3, Vec3),
+    of_lane: &'h dyn Fn(usize) -> OnSurface,
     at: At,
     mask: u64,
 }
@@ -660,22 +683,22 @@ fn sides<S: Simd>(
     scratch: &mut Scratch<S>,
 ) -> Told {
     let field = &tile.model.fields[near.0 as usize];
-    let Hits { t, of_lane, at, mask, .. } = hits;
-    let tolerance = match hits.own {
-        Some(own) => tied::tolerance(&tile.model.fields[own.0 as usize], field),
-        None => tied::TIED_SHARE * field.typical_radius(),
-    };
-    let mut is_tied = |lane: &usize| {
-        let (p_in_world, normal) = of_lane(*lane);
-        tied::coincides(field, p_in_world, normal.as_dvec3(), tolerance, &mut scratch.found)
-    };
+    let Hits { t, of_lane, at, mask } = hits;
+    let mut is_tied = |lane: &usize| of_lane(*lane).is_tied(field, &mut scratch.found);
     let bits = |bits: u64, lane: usize| bits | 1 << lane;
     if let Some(exact) = &field.exact {
         // On a ray whose crossings with the leaf are known they tell the side.
-        let told = |lane: usize| crossed.and_then(|crossed| crossed.inside((at.0 + lane as u32, at.1), near, t[lane]));
-        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(of_lane(*lane).0));
+        let place = |lane: usize| (at.0 + lane as u32, at.1);
+        let told = |lane: usize| crossed.and_then(|crossed| crossed.inside(place(lane), near, t[lane]));
+        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(of_lane(*lane).p_in_world));
+        // Most rays cross the leaf elsewhere, and need no closer look.
+        let may_tie = |lane: &usize| {
+            let within = tied::MOST_REACH_IN_RADII * of_lane(*lane).radius;
+            crossed.is_none_or(|crossed| crossed.may_cross_within(place(*lane), near, t[*lane], within))
+        };
         let lanes = || (0..LANES).filter(|l| mask >> l & 1 == 1);
-        return Told { inside: lanes().filter(inside).fold(0, bits), tied: lanes().filter(&mut is_tied).fold(0, bits) };
+        let tied = lanes().filter(may_tie).filter(&mut is_tied).fold(0, bits);
+        return Told { inside: lanes().filter(inside).fold(0, bits), tied };
     }
     let lanes = mask32x8::from_bitmask(row.simd, mask);
     let (mut told, mut reached) = (Told::default(), 0);
@@ -689,7 +712,10 @@ fn sides<S: Simd>(
         reached = support.to_bitmask();
         told.inside = (support & value.simd_lt(0.0)).to_bitmask();
         // Most rays are not near the other surface, and need no closer look.
-        let close = (support & value.abs().simd_le(weight * tolerance)).to_bitmask();
+        let radii: [f32; LANES] =
+            std::array::from_fn(|lane| if mask >> lane & 1 == 1 { of_lane(lane).radius } else { 0.0 });
+        let within = f32x8::load_array(row.simd, radii).min(field.largest_radius()) * tied::TIED_SHARE;
+        let close = (support & value.abs().simd_le(weight * within)).to_bitmask();
         if close != 0 {
             told.tied = (0..LANES).filter(|l| close >> l & 1 == 1).filter(&mut is_tied).fold(0, bits);
         }
@@ -698,7 +724,7 @@ fn sides<S: Simd>(
     while unreached != 0 {
         let lane = unreached.trailing_zeros() as usize;
         unreached &= unreached - 1;
-        told.inside |= u64::from(cache.inside(field, near, of_lane(lane).0)) << lane;
+        told.inside |= u64::from(cache.inside(field, near, of_lane(lane).p_in_world)) << lane;
     }
     told
 }

@@ -9,19 +9,19 @@
 //!
 //! # Changes from the paper
 //! Blister's fragments coincide where their depths are equal. Surfels of two samplings of one surface never give equal depths. They
-//! *coincide* here where, at the hit, the other leaf's surface is nearer than [`TIED_SHARE`] of the larger of both leaves' typical
-//! radii and as parallel as two surfaces are that keep so near all over a surfel. That is far below what a picture shows of a
-//! surfel, and above the rounding of hits and of fields that were fitted to the same surface; two noisy scans of one object do not
-//! coincide.
+//! *coincide* here where, at the hit, the other leaf's surface is nearer than [`TIED_SHARE`] of the smaller of both surfels' radii and as
+//! parallel as [`MOST_SINE`] says. That is far below what a picture shows of a surfel, and above the rounding of hits and of fields that
+//! were fitted to the same surface; two noisy scans of one object do not coincide.
 //!
 //! # Practice
 //! A hit that is told that the other surface is there is not decided but kept ([`Tied`]) until all of the ray's surfaces are found:
 //! then those that lie together are one [`boundary`]. A hit whose counterpart was not found, since the other leaf sees it a little
-//! farther away, is decided alone, as if nothing coincided: so nothing is lost at the rim of where surfaces coincide.
+//! farther away, or never asks (no solid asks a sheet), lets the other toggle along and shows itself where that makes a boundary: so
+//! nothing is lost at the rim of where surfaces coincide. Partner lists (`--partners`, `--clip fragment`) know no ties, as in the paper.
 
 use std::cell::RefCell;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::hits::Hit;
 use super::surface::body_at;
@@ -29,6 +29,7 @@ use crate::classify::{LeafField, Model};
 use crate::csg::LeafId;
 use crate::layers::Facing;
 use crate::scene::LeafKind;
+use crate::space::Camera;
 
 /// Surfaces nearer to each other than this share of a surfel's radius are one.
 pub(crate) const TIED_SHARE: f32 = 1e-3;
@@ -39,10 +40,8 @@ const MOST_SINE: f32 = 2.0 * TIED_SHARE;
 /// Rays are taken to meet a surface no more obliquely than this where depths are compared: below, hits are not exact enough.
 const LEAST_COSINE: f32 = 0.05;
 
-/// How near surfaces of two leaves are to each other where they coincide, world units.
-pub(crate) fn tolerance(a: &LeafField, b: &LeafField) -> f32 {
-    TIED_SHARE * a.typical_radius().max(b.typical_radius())
-}
+/// No reach is longer, as a share of the surfel's radius, where the ray's direction is no shorter than one.
+pub(crate) const MOST_REACH_IN_RADII: f32 = 2.0 * TIED_SHARE / LEAST_COSINE;
 
 /// A crossing with the surface of a leaf where that of another may coincide with it.
 #[derive(Debug, Clone, Copy)]
@@ -51,6 +50,8 @@ pub(crate) struct Tied {
     pub t: f32,
     /// The depths of crossings that coincide differ by no more.
     pub reach: f32,
+    /// Of the surfel, world units; infinite where there is none.
+    pub radius: f32,
     pub leaf: LeafId,
     /// Whether the ray is inside of the leaf behind it.
     pub enters: bool,
@@ -62,26 +63,25 @@ pub(crate) struct Tied {
     pub is_drawn: bool,
 }
 
-/// How far apart in depth crossings of surfaces are that are `tolerance` apart, where a ray along `dir` meets them; both normals
-/// are in view axes, and `dir` moves by one in depth.
-pub(crate) fn reach(tolerance: f32, normal: Vec3, dir: Vec3) -> f32 {
+/// How far apart in depth crossings of surfaces are that coincide, where a ray along `dir` meets one on a surfel of `radius`; the normal
+/// is in view axes, and `dir` moves by one in depth.
+pub(crate) fn reach(radius: f32, normal: Vec3, dir: Vec3) -> f32 {
     let along = normal.dot(dir).abs().max(LEAST_COSINE * dir.length());
     // Each of the two may be that far from the other.
-    2.0 * tolerance / along
+    2.0 * TIED_SHARE * radius / along
 }
 
-/// Whether the surface of `field` is within `tolerance` of `p_in_world` and parallel to a surface whose unit normal there is
-/// `normal_in_world`, facing either way.
-pub(crate) fn coincides(
+/// The outward unit normal of `field`'s surface where it coincides at `p_in_world` with a surface whose unit normal there is
+/// `normal_in_world`, facing either way, and whose surfel has `radius`; infinite where it has none.
+pub(crate) fn coincident(
     field: &LeafField,
     p_in_world: DVec3,
     normal_in_world: DVec3,
-    tolerance: f32,
+    radius: f32,
     found: &mut Vec<(u32, f32)>,
-) -> bool {
-    field
-        .surface_within(p_in_world, normal_in_world, tolerance, found)
-        .is_some_and(|normal| normal.cross(normal_in_world).length() <= f64::from(MOST_SINE))
+) -> Option<DVec3> {
+    let normal = field.surface_within(p_in_world, normal_in_world, (TIED_SHARE, radius), found)?;
+    (normal.cross(normal_in_world).length() <= f64::from(MOST_SINE)).then_some(normal)
 }
 
 /// Calls `each` with the crossings of a ray that coincide, front to back; `all` come in any order.
@@ -105,7 +105,10 @@ struct Sides<'m> {
     model: &'m Model,
     members: &'m [Tied],
     p_in_world: DVec3,
-    asked: RefCell<Vec<(LeafId, bool)>>,
+    /// The first member's normal, and the ray's direction.
+    normal_in_world: DVec3,
+    dir_in_world: DVec3,
+    asked: RefCell<Vec<(LeafId, [bool; 2])>>,
 }
 
 impl Sides<'_> {
@@ -125,11 +128,19 @@ impl Sides<'_> {
             return [!first.enters, last.enters];
         }
         if let Some((_, known)) = self.asked.borrow().iter().find(|(other, _)| *other == leaf) {
-            return [*known; 2];
+            return *known;
         }
-        let inside = self.model.fields[leaf.0 as usize].contains(self.p_in_world, &mut Vec::new());
-        self.asked.borrow_mut().push((leaf, inside));
-        [inside; 2]
+        let (field, mut found) = (&self.model.fields[leaf.0 as usize], Vec::new());
+        let radius = self.members[0].radius;
+        let sides = match coincident(field, self.p_in_world, self.normal_in_world, radius, &mut found) {
+            Some(normal) => {
+                let enters = normal.dot(self.dir_in_world) < 0.0;
+                [!enters, enters]
+            }
+            None => [field.contains(self.p_in_world, &mut found); 2],
+        };
+        self.asked.borrow_mut().push((leaf, sides));
+        sides
     }
 
     /// The expression before the crossings or after them, where `turned` is on its other side.
@@ -138,9 +149,18 @@ impl Sides<'_> {
     }
 }
 
-/// What the crossings `members`, which coincide at `p_in_world`, are together on the result; `None` where they are no boundary.
-pub(crate) fn boundary(model: &Model, members: &[Tied], p_in_world: DVec3) -> Option<Hit> {
-    let sides = Sides { model, members, p_in_world, asked: RefCell::default() };
+/// What the crossings `members` of the ray through `px`, which coincide, are together on the result; `None` where they are no
+/// boundary. Depths are less `anchor`.
+pub(crate) fn boundary(model: &Model, camera: &Camera, px: DVec2, anchor: f64, members: &[Tied]) -> Option<Hit> {
+    let ray = camera.ray(px);
+    let sides = Sides {
+        model,
+        members,
+        p_in_world: ray.at(anchor + f64::from(members[0].t)),
+        normal_in_world: camera.rotate_to_world(members[0].normal.as_dvec3()),
+        dir_in_world: ray.dir,
+        asked: RefCell::default(),
+    };
     // Step 1: whose boundary it is.
     let [was, is] = [false, true].map(|is_after| sides.eval(is_after, None));
     let goes_with = |leaf: LeafId| sides.of(leaf)[1] == is;
