@@ -154,7 +154,7 @@ impl FromArgMatches for Operands {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Pipeline {
     /// `mesh` where every leaf is a mesh or a solid; with points `splat`, which draws fastest, or `hybrid` where a leaf says what
-    /// it is drawn as
+    /// it is drawn as, a mesh is open, or a GPU draws
     #[default]
     Auto,
     /// Every leaf in its own form: points as surfels, meshes by their triangles, solids by their formulas

@@ -102,8 +102,8 @@ impl GpuSplatModel {
     /// Uploads `model`.
     ///
     /// # Errors
-    /// [`GpuSplatError::ExactLeaf`] for a leaf that has surfels beside its own form, and [`GpuError::TooLarge`] where what decides sides far from surfels, or the expression's
-    /// tables, fit no buffer. Surfels themselves are split.
+    /// [`GpuSplatError::ExactLeaf`] for a leaf that has surfels beside its own form, and [`GpuError::TooLarge`] where what decides sides
+    /// far from surfels, or the expression's tables, fit no buffer. Surfels themselves are split.
     pub fn new(gpu: &Gpu, model: &Model) -> Result<Self, GpuSplatError> {
         let first = |is_it: &dyn Fn(&LeafField) -> bool| {
             model.fields.iter().position(|field| is_it(field)).map(|leaf| LeafId(leaf as u32))

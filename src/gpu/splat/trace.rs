@@ -158,17 +158,18 @@ impl Scene<'_> {
             let samples = sample_offsets(samples);
             for (sample, place) in samples.iter().enumerate() {
                 let place = place.as_vec2().to_array();
-                let rooms = SplatView { place, samples: 1 << sample, ..rooms };
+                let of_sample = SplatView { place, samples: 1 << sample, ..rooms };
                 let crossed = match self.source {
                     Some(source) => {
                         // What the source does waits for the device: what was told before is better begun with.
                         std::mem::replace(&mut commands, gpu.commands()).submit();
                         let crossings = source.crossings(gpu, rect, sample)?;
-                        Some(crossed::beside(&mut commands, &self.bins.starts, blocks, &crossings, &rooms)?)
+                        Some(crossed::beside(&mut commands, &self.bins.starts, blocks, &crossings, &of_sample)?)
                     }
                     None => None,
                 };
-                let (starts, of_sample) = crossed.as_ref().map_or((&self.bins.starts, rooms), |(all, of)| (all, *of));
+                let (starts, of_sample) =
+                    crossed.as_ref().map_or((&self.bins.starts, of_sample), |(all, of)| (all, *of));
                 let uniform = gpu.uniform("splat view", &of_sample);
                 let shared = [
                     (0, &uniform),
