@@ -43,8 +43,14 @@ pub trait Engine {
     fn undecided(&self) -> Vec<(String, u64)> {
         Vec::new()
     }
+    /// How many samples and which boundaries the frames of the picture have.
+    fn args(&self) -> FrameArgs;
+    /// One frame, of other samples and boundaries than the picture's.
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>>;
     /// One frame.
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        self.frame_with(camera, self.args())
+    }
     /// One frame that `gpu` draws.
     #[cfg(feature = "gpu")]
     fn gpu_frame(&self, _: &Gpu, _: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
@@ -282,8 +288,12 @@ impl Engine for SplatEngine {
         "splat"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame = |model, partners| -> Box<dyn LayerSource + '_> {
             Box::new(Frame::new(model, camera.clone(), limit, samples, self.settings, partners))
         };
@@ -403,8 +413,12 @@ impl Engine for HybridEngine {
         counts.into_iter().map(named).collect()
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         fn boxed<'m>(source: impl LayerSource + 'm) -> Box<dyn LayerSource + 'm> {
             Box::new(source)
         }
@@ -455,8 +469,12 @@ impl Engine for MeshEngine {
         "mesh"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame =
             |model| -> Box<dyn LayerSource + '_> { Box::new(MeshFrame::new(model, camera.clone(), limit, samples)) };
         Ok(match &self.parts {
@@ -530,8 +548,12 @@ impl Engine for ReferenceEngine {
         "reference"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame = |tree: &Tree| -> anyhow::Result<Box<dyn LayerSource + '_>> {
             let reference = Reference::new(self.leaves.clone(), tree.clone(), camera.clone(), samples, limit)?;
             Ok(Box::new(reference))
