@@ -51,10 +51,15 @@ pub trait Engine {
     fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
         self.frame_with(camera, self.args())
     }
+    /// One frame that `gpu` draws, of other samples and boundaries than the picture's.
+    #[cfg(feature = "gpu")]
+    fn gpu_frame_with(&self, _: &Gpu, _: &Camera, _: FrameArgs) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        Err(BackendError::NotThere(format!("with --pipeline {}", self.pipeline())))
+    }
     /// One frame that `gpu` draws.
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, _: &Gpu, _: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        Err(BackendError::NotThere(format!("with --pipeline {}", self.pipeline())))
+    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        self.gpu_frame_with(gpu, camera, self.args())
     }
     /// Brings the leaves to a pose: each from where the scene has it; those that are not named, back there.
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()>;
@@ -307,7 +312,12 @@ impl Engine for SplatEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+    fn gpu_frame_with(
+        &self,
+        gpu: &Gpu,
+        camera: &Camera,
+        frame: FrameArgs,
+    ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
@@ -326,7 +336,7 @@ impl Engine for SplatEngine {
             let _ = self.uploaded.set(uploaded);
         }
         let uploaded = self.uploaded.get().expect("it was just uploaded");
-        let FrameArgs { samples, limit } = self.frame;
+        let FrameArgs { samples, limit } = frame;
         let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, self.settings);
         Ok(Box::new(frame.map_err(refused)?))
     }
@@ -484,8 +494,13 @@ impl Engine for MeshEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, _: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn gpu_frame_with(
+        &self,
+        _: &Gpu,
+        camera: &Camera,
+        frame: FrameArgs,
+    ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        let FrameArgs { samples, limit } = frame;
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }

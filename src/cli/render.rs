@@ -322,7 +322,11 @@ pub struct Drawn {
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
     pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
-        if let Some(picture) = report.phase("frame", || self.of_device(camera))? {
+        if let Some((picture, cost)) = report.phase("frame", || self.of_device(camera))? {
+            // Its time is the frame's: a device is not waited for in between.
+            if let Some(cost) = cost {
+                cost.tell_counts(report);
+            }
             return Ok(Drawn { picture, stack: None, style: self.style, layers: None });
         }
         let source = report.phase("prepare", || backend::source(self.device, self.engine, camera))?;
@@ -356,16 +360,17 @@ impl Drawing<'_> {
     }
 
     /// The picture, where a device can draw all of it: what counts, keeps or mixes layers is the CPU's.
-    fn of_device(&self, camera: &Camera) -> anyhow::Result<Option<Picture>> {
+    fn of_device(&self, camera: &Camera) -> anyhow::Result<Option<(Picture, Option<ShadowCost>)>> {
         let is_counted = self.min_pixels.is_some() || self.style.max_layers.is_some();
         let needs_layers = self.wants_layers
             || self.wants_maps
             || self.style.legend.is_some()
-            || self.shadows.is_some()
             || !self.contents.is_empty()
             || (is_counted && self.shows_layers());
         match self.device {
-            Some(device) if !needs_layers => device.picture(self.engine, camera, &self.look, &self.style, self.leaves),
+            Some(device) if !needs_layers => {
+                device.picture(self.engine, camera, &self.look, &self.style, self.leaves, self.shadows)
+            }
             _ => Ok(None),
         }
     }

@@ -6,6 +6,8 @@ use surfcut::composite::light_grid::LightGrid;
 use surfcut::composite::light_map::LightMap;
 use surfcut::composite::lighting::towards;
 use surfcut::composite::shadow::Shadows;
+#[cfg(feature = "gpu")]
+use surfcut::gpu::{Gpu, GpuError, composite::shadow};
 use surfcut::layers::LayerLimit;
 use surfcut::output::report::{Report, Stopwatch, Times};
 use surfcut::scene::framing::Bounds;
@@ -14,6 +16,8 @@ use surfcut::scene::{Light, LoadedScene};
 use surfcut::space::{Camera, Motion};
 
 use super::Session;
+#[cfg(feature = "gpu")]
+use super::backend::BackendError;
 use super::engine::{Engine, FrameArgs};
 use super::render::is_transparent;
 
@@ -96,15 +100,51 @@ impl ShadowPass {
     }
 }
 
+#[cfg(feature = "gpu")]
+impl ShadowPass {
+    /// Calls `draw` with the shadows that `camera` sees, drawn by `gpu`.
+    pub fn with_gpu<T>(
+        &self,
+        gpu: &Gpu,
+        engine: &dyn Engine,
+        camera: &Camera,
+        draw: impl FnOnce(&shadow::Shadows) -> Result<T, GpuError>,
+    ) -> Result<(T, Option<ShadowCost>), BackendError> {
+        let refused = RefCell::new(None);
+        let from_light = |light: &Camera| match engine.gpu_frame_with(gpu, light, self.frame) {
+            Ok(frame) => Ok(Some(frame)),
+            Err(BackendError::Gpu(error)) => Err(error),
+            Err(error) => {
+                refused.replace(Some(error));
+                Ok(None)
+            }
+        };
+        let grid = LightGrid::new(towards(&self.light, camera), &self.bounds);
+        let shadows = shadow::Shadows::new(grid, self.opacity, self.strength, &from_light);
+        let drawn = draw(&shadows)?;
+        let cost = ShadowCost { times: Times::default(), texels: shadows.texels(), coarse: shadows.coarse() };
+        drop(shadows);
+        match refused.take() {
+            Some(error) => Err(error),
+            None => Ok((drawn, Some(cost))),
+        }
+    }
+}
+
 impl ShadowCost {
     /// Adds it to `report`, as a phase of its own; returns what its time was.
     pub fn tell(&self, report: &mut Report) -> Times {
         report.add_phase("shadow", self.times);
+        self.tell_counts(report);
+        self.times
+    }
+
+    /// Adds all but its time to `report`.
+    pub fn tell_counts(&self, report: &mut Report) {
         for (name, value) in [("shadow_texels", self.texels), ("shadow_coarse", self.coarse)] {
             let so_far = report.counts.get(name).copied().unwrap_or(0);
             report.count(name, so_far + value);
         }
-        self.times
     }
 }
 

@@ -16,7 +16,10 @@ use crate::space::{Camera, Projection};
 pub(crate) const SIDE: u32 = 32;
 
 /// Sizes of texels between one and its double: with one alone texels would have half the area that is asked for, on average.
-const STEPS: f64 = 2.0;
+pub(crate) const STEPS: f64 = 2.0;
+
+/// Sizes of texels: the coarsest is some thousand times as large as the grid.
+pub(crate) const LEVELS: u32 = 64;
 
 /// Tiles on a side of a block. A pipeline's preparation of a frame grows with its leaves and, less, with its tiles: a block is
 /// about the largest picture whose tiles do not count.
@@ -118,10 +121,15 @@ impl LightGrid {
         (f64::from(level) / STEPS).exp2()
     }
 
-    /// The level of the largest texels whose sides are at most `side` world units, or of the finest that there are.
+    /// The level of the largest texels whose sides are at most `side` world units, or of the finest or coarsest that there are.
     pub(crate) fn level_for(&self, side: f64) -> i32 {
-        let least = (STEPS * (self.half.max_element() * LEAST_TEXEL).log2()).ceil();
-        (STEPS * side.log2()).floor().max(least) as i32
+        let least = self.least_level();
+        ((STEPS * side.log2()).floor() as i32).clamp(least, least + LEVELS as i32 - 1)
+    }
+
+    /// The level of the finest texels.
+    pub(crate) fn least_level(&self) -> i32 {
+        (STEPS * (self.half.max_element() * LEAST_TEXEL).log2()).ceil() as i32
     }
 
     /// The part of `block` where anything can be; `None` where nothing can.
