@@ -8,12 +8,12 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::layers::TILE_SIDE;
 use crate::scene::framing::Bounds;
 use crate::space::{Camera, Projection};
 
-/// Texels on a side of a tile: surfaces that ask for texels of different sizes share no tile, and what they do not ask for of
-/// their last one is drawn in vain, which grows with this; but a pipeline's work of its own for each tile does not shrink.
-pub(crate) const SIDE: u32 = 32;
+/// Texels on a side of a tile: as many as the pipelines' own tiles have, since a part of one of theirs takes as long as all of it.
+pub(crate) const SIDE: u32 = TILE_SIDE;
 
 /// Sizes of texels between one and its double: with one alone texels would have half the area that is asked for, on average.
 pub(crate) const STEPS: f64 = 2.0;
@@ -23,7 +23,7 @@ pub(crate) const LEVELS: u32 = 64;
 
 /// Tiles on a side of a block. A pipeline's preparation of a frame grows with its leaves and, less, with its tiles: a block is
 /// about the largest picture whose tiles do not count.
-pub(crate) const BLOCK_TILES: i32 = 256;
+pub(crate) const BLOCK_TILES: i32 = 128;
 
 /// What is drawn may stand this share of its bounds' diagonal over them, as the disks of coarse scans do.
 const MARGIN: f64 = 0.25;

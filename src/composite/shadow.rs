@@ -311,3 +311,53 @@ impl Shape {
         along(self.u, self.halves.x) * along(self.v, self.halves.y)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The share of a pixel with these sides, in texels, that lies left of the grid's origin; its middle is `x` right of it.
+    fn left_of_origin(sides: [Vec2; 2], x: f64) -> f32 {
+        let at = DVec2::new(x, 0.3);
+        let (level, texel, depth, normal) = (0, 1.0, 0.0, Vec3::NEG_Z);
+        let receiver = Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false };
+        let shape = receiver.shape();
+        let [[x0, y0], [x1, y1]] = receiver.texels(shape.reach);
+        let (mut left, mut all) = (0.0, 0.0);
+        for (x, y) in (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))) {
+            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - at).as_vec2());
+            all += weight;
+            left += if x < 0 { weight } else { 0.0 };
+        }
+        left / all
+    }
+
+    #[test]
+    fn a_shadows_edge_has_no_steps_whatever_the_pixels_shape() {
+        let shapes = [
+            [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0)],
+            [Vec2::new(1.3, 0.2), Vec2::new(-0.4, 1.1)],
+            [Vec2::new(0.9, 0.9), Vec2::new(-0.8, 0.8)],
+            [Vec2::new(7.0, 3.0), Vec2::new(-0.2, 0.9)],
+            [Vec2::new(0.4, 0.3), Vec2::new(3.0, 2.0)],
+        ];
+        for sides in shapes {
+            let half = 0.5 * (sides[0].x.abs() + sides[1].x.abs()) as f64;
+            const STEP: f64 = 1.0 / 64.0;
+            let shares: Vec<f32> = (-640..=640).map(|i| left_of_origin(sides, f64::from(i) * STEP)).collect();
+            // No faster than an edge crosses the narrowest pixel there is, a texel wide, twice over.
+            assert!(shares.windows(2).all(|w| (w[0] - w[1]).abs() < 2.0 * STEP as f32), "{sides:?}");
+            let at = |x: f64| shares[((x / STEP).round() + 640.0) as usize];
+            assert!((at(0.0) - 0.5).abs() < 0.15, "{sides:?}: {}", at(0.0));
+            assert!(at(-half - 1.5) == 1.0 && at(half + 1.5) == 0.0, "{sides:?}");
+        }
+    }
+
+    #[test]
+    fn a_pixel_seen_edge_on_from_the_light_still_asks() {
+        for sides in [[Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)], [Vec2::new(0.0, 1e-9), Vec2::new(1.0, 0.0)]] {
+            let share = left_of_origin(sides, 0.0);
+            assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+        }
+    }
+}

@@ -76,8 +76,10 @@ gpu_struct! {
         size: [u32; 2],
         /// That of its texels, as receivers have it.
         level: i32,
+        /// Fills the row, with the next.
+        unused: u32,
         /// Fills the row.
-        unused: [u32; 3],
+        unused_too: [u32; 2],
     }
 }
 
@@ -172,7 +174,8 @@ impl<'a> Shadows<'a> {
                         corner: [view.corner[0] + rect.x0 as i32, view.corner[1] + rect.y0 as i32],
                         size: [rect.width(), rect.height()],
                         level: level as i32,
-                        unused: [0; 3],
+                        unused: 0,
+                        unused_too: [0; 2],
                     };
                     let patch = gpu.uniform("patch of light", &patch);
                     let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
