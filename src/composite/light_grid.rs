@@ -1,4 +1,4 @@
-//! Where the light looks from: one grid of texels over the plane across its direction, at every size a power of two.
+//! Where the light looks from: one grid of texels over the plane across its direction, in many sizes.
 //!
 //! *Practice.* The light is directional, so its view is orthographic, and any part of it at any size of texels is an ordinary
 //! camera's picture. The grid belongs to the scene and not to the viewer: it has its origin in the middle of what throws shadows,

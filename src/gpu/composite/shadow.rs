@@ -3,7 +3,7 @@
 //! *Practice.* The boundaries of a band tell, by size of texels, from where to where on the light's grid they ask; that much comes
 //! back to the CPU, and the pipeline draws these parts of the grid, block by block and halved where they are too large. Each part
 //! is asked by all boundaries of its size of texels, which add up what it keeps of their light. Nothing of the grid is kept for the
-//! next band: a device draws it faster than it is looked up. Places are found in 32 bits, from the eye: they are as exact as the depths
+//! next band. Places are found in 32 bits, from the eye: they are as exact as the depths
 //! that they are made of.
 
 use std::cell::{Cell, RefCell};
