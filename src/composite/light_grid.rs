@@ -107,7 +107,7 @@ impl LightGrid {
     }
 
     /// `p_in_world` on the grid: world units from the origin along columns and rows, and the depth that the light's cameras see.
-    pub(crate) fn from_world(&self, p_in_world: DVec3) -> DVec3 {
+    pub(crate) fn on_grid(&self, p_in_world: DVec3) -> DVec3 {
         self.rotated(p_in_world - self.centre) + DVec3::new(0.0, 0.0, self.half.z)
     }
 
@@ -169,7 +169,7 @@ mod tests {
     fn every_block_sees_its_own_part_of_one_grid() {
         let grid = grid();
         let p = DVec3::new(12.3, -1.1, 0.9);
-        let on_grid = grid.from_world(p);
+        let on_grid = grid.on_grid(p);
         for level in [-19, -10, 0] {
             let texels = on_grid.truncate() / LightGrid::texel(level);
             let tile = (texels / f64::from(SIDE)).floor();

@@ -189,7 +189,7 @@ impl<'a> Receivers<'a> {
         let wanted = short.clamp(LEAST_SHARE * footprint, footprint).max(long / MOST_TEXELS);
         let level = grid.level_for(wanted);
         let texel = LightGrid::texel(level);
-        let at = grid.from_world(ray.at(depth));
+        let at = grid.on_grid(ray.at(depth));
         let normal = grid.rotated(normal);
         let normal = DVec3::new(normal.x, normal.y, -sine.max(LEAST_SINE)).normalize();
         Some(Receiver {

@@ -8,6 +8,7 @@
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use super::view::{self, Band, Bound};
 use crate::composite::light_grid::{BLOCK_TILES, BlockView, LEVELS, LightBlock, LightGrid, SIDE, STEPS};
@@ -90,8 +91,8 @@ const LIGHT_STEPS: f32 = 16_777_216.0;
 /// does on the CPU. `None` where that failed, of which the caller knows more.
 pub type DrawLight<'a> = dyn Fn(&Camera) -> Result<Option<Box<dyn GpuLayerSource + 'a>>, GpuError> + 'a;
 
-/// Frames that are ready, by block; `None` for a block where nothing is.
-type Frames<'a> = HashMap<LightBlock, Option<(BlockView, Box<dyn GpuLayerSource + 'a>)>>;
+/// Frames that are ready, by block; `None` where that failed.
+type Frames<'a> = HashMap<LightBlock, Option<Box<dyn GpuLayerSource + 'a>>>;
 
 /// What keeps the light from boundaries.
 pub struct Shadows<'a> {
@@ -163,7 +164,13 @@ impl<'a> Shadows<'a> {
                 continue;
             }
             let grid_level = self.grid.least_level() + level as i32;
-            self.blocks(grid_level, [x0, y0], [x1, y1], &mut |source, view, rect| {
+            for (block, view, rect) in self.blocks(grid_level, [x0, y0], [x1, y1]) {
+                let mut frames = self.frames.borrow_mut();
+                let source = match frames.entry(block) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(unknown) => unknown.insert((self.draw)(&view.camera)?),
+                };
+                let Some(source) = source else { continue };
                 in_parts(rect, &mut |rect| {
                     let seen = source.draw(gpu, rect)?;
                     self.texels.set(self.texels.get() + rect.area() as u64);
@@ -181,8 +188,8 @@ impl<'a> Shadows<'a> {
                     let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
                     run("shade", &[&of_band[..], &of_light].concat());
                     Ok(())
-                })
-            })?;
+                })?;
+            }
         }
         Ok(kept_off)
     }
@@ -196,26 +203,19 @@ impl<'a> Shadows<'a> {
             strength: self.strength,
             forward: forward.as_vec3().to_array(),
             least_level: self.grid.least_level(),
-            eye: self.grid.from_world(camera.eye).as_vec3().to_array(),
+            eye: self.grid.on_grid(camera.eye).as_vec3().to_array(),
             unused: 0,
         }
     }
 
-    /// Calls `with` for each block's part of the texels from column and row `first` to `last`.
-    fn blocks(
-        &self,
-        level: i32,
-        first: [i32; 2],
-        last: [i32; 2],
-        with: &mut dyn FnMut(&dyn GpuLayerSource, &BlockView, PixelRect) -> Result<(), GpuError>,
-    ) -> Result<(), GpuError> {
+    /// The blocks with texels from column and row `first` to `last`, and where in their pictures those are.
+    fn blocks(&self, level: i32, first: [i32; 2], last: [i32; 2]) -> Vec<(LightBlock, BlockView, PixelRect)> {
         let side = BLOCK_TILES * SIDE as i32;
         let [x0, y0] = first.map(|at| at.div_euclid(side));
         let [x1, y1] = last.map(|at| at.div_euclid(side));
-        let mut frames = self.frames.borrow_mut();
-        for (x, y) in (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))) {
+        let part = |(x, y): (i32, i32)| {
             let block = LightBlock { level, x, y };
-            let Some(view) = self.grid.view(block) else { continue };
+            let view = self.grid.view(block)?;
             let within = |at: i32, corner: i32, size: u32| (at - corner).clamp(0, size as i32) as u32;
             let rect = PixelRect {
                 x0: within(first[0], view.corner[0], view.camera.width),
@@ -223,18 +223,9 @@ impl<'a> Shadows<'a> {
                 x1: within(last[0] + 1, view.corner[0], view.camera.width),
                 y1: within(last[1] + 1, view.corner[1], view.camera.height),
             };
-            if rect.x0 >= rect.x1 || rect.y0 >= rect.y1 {
-                continue;
-            }
-            if !frames.contains_key(&block) {
-                let source = (self.draw)(&view.camera)?;
-                frames.insert(block, source.map(|source| (view, source)));
-            }
-            if let Some((view, source)) = &frames[&block] {
-                with(&**source, view, rect)?;
-            }
-        }
-        Ok(())
+            (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some((block, view, rect))
+        };
+        (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))).filter_map(part).collect()
     }
 }
 
