@@ -4,6 +4,8 @@
 @group(0) @binding(7) var<storage, read_write> depths: array<f32>;
 @group(0) @binding(8) var<storage, read> ink_offsets: array<u32>;
 @group(0) @binding(9) var<storage, read> inks: array<vec2<f32>>;
+// By boundary: the share of the light that shadows keep off, in steps.
+@group(0) @binding(16) var<storage, read> kept_off: array<u32>;
 
 // The lit colours of all boundaries, with their opacities.
 @compute @workgroup_size(WORKGROUP)
@@ -17,8 +19,24 @@ fn light_surfaces(thread: Thread) {
     for (var i = offsets[place]; i < offsets[place + 1u]; i++) {
         var colour = look.ink;
         if look.tints == 0u {
-            colour = lit(at, records[i].normal, records[i].colour);
+            colour = lit(at, records[i].normal, records[i].colour, 1.0);
         }
+        surfaces[i] = vec4<f32>(colour, clamp(records[i].opacity, 0.0, 1.0));
+    }
+}
+
+// The same where shadows fall on surfaces that are lit.
+@compute @workgroup_size(WORKGROUP)
+fn light_shadowed_surfaces(thread: Thread) {
+    let number = thread_number(thread);
+    if number >= part_area() {
+        return;
+    }
+    let at = part_pixel(number);
+    let place = in_band(at);
+    for (var i = offsets[place]; i < offsets[place + 1u]; i++) {
+        let sun = 1.0 - f32(kept_off[i]) / LIGHT_STEPS;
+        let colour = lit(at, records[i].normal, records[i].colour, sun);
         surfaces[i] = vec4<f32>(colour, clamp(records[i].opacity, 0.0, 1.0));
     }
 }

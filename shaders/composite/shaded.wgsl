@@ -15,8 +15,8 @@ fn power(base: f32, exponent: u32) -> f32 {
     return result;
 }
 
-// Linear RGB of a surface seen in the pixel `at`.
-fn lit(at: vec2<u32>, normal: vec3<f32>, colour: vec3<f32>) -> vec3<f32> {
+// Linear RGB of a surface seen in the pixel `at`, where a share `sun` of the light arrives.
+fn lit(at: vec2<u32>, normal: vec3<f32>, colour: vec3<f32>, sun: f32) -> vec3<f32> {
     let ray = ray_at(at);
     let towards_eye = -ray * (1.0 / sqrt(dot(ray, ray)));
     let towards = dot(normal, towards_eye);
@@ -27,13 +27,13 @@ fn lit(at: vec2<u32>, normal: vec3<f32>, colour: vec3<f32>) -> vec3<f32> {
     let from_above = side * dot(normal, -view.down) * 0.5 + 0.5;
     let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * look.ambient;
     let rim = power(1.0 - facing_eye, RIM_EXPONENT) * RIM;
-    let diffuse = hemisphere + facing_light * (1.0 - look.ambient) + rim;
+    let diffuse = hemisphere + facing_light * (1.0 - look.ambient) * sun + rim;
     let between = towards_eye + look.towards_light;
     let squared = dot(between, between);
     // Straight from behind there is no direction between; nothing shines there.
     let per_length = select(1.0, 1.0 / sqrt(squared), squared > LEAST_SQUARED);
     let mirrored = max(side * dot(normal, between) * per_length, 0.0);
-    let highlight = select(0.0, power(mirrored, HIGHLIGHT_EXPONENT) * HIGHLIGHT, facing_light > 0.0);
+    let highlight = select(0.0, power(mirrored, HIGHLIGHT_EXPONENT) * HIGHLIGHT * sun, facing_light > 0.0);
     return colour * diffuse + highlight;
 }
 
@@ -84,7 +84,7 @@ fn blend(thread: Thread) {
                 open &= ~(1u << sample);
             }
         }
-        light += weight * lit(at, records[i].normal, records[i].colour);
+        light += weight * lit(at, records[i].normal, records[i].colour, 1.0);
     }
     var through = 0.0;
     for (var sample = 0u; sample < view.samples; sample++) {

@@ -5,6 +5,8 @@
 
 use surfcut::composite::{Leaves, Look, Picture};
 #[cfg(feature = "gpu")]
+use surfcut::gpu::composite::{shadow::Shadows, styled_with};
+#[cfg(feature = "gpu")]
 use surfcut::gpu::{Gpu, GpuError, GpuLayerSource};
 use surfcut::layers::{LayerSource, LayerStack};
 use surfcut::scene::style::Style;
@@ -13,6 +15,7 @@ use surfcut::space::Camera;
 use super::Session;
 use super::args::{Backend, BackendArgs};
 use super::engine::Engine;
+use super::shadows::{ShadowCost, ShadowPass};
 
 /// A GPU that draws as far as it can.
 pub struct Device<'s> {
@@ -93,7 +96,7 @@ impl<'s> Device<'s> {
     /// The layers of one frame, or `None` where the CPU is to draw it.
     pub fn layers(&self, engine: &dyn Engine, camera: &Camera) -> anyhow::Result<Option<LayerStack>> {
         #[cfg(feature = "gpu")]
-        return self.drawn(engine, camera, &|frame| surfcut::gpu::layers::collect(&self.gpu, frame));
+        return self.drawn(engine, camera, &|frame| Ok(surfcut::gpu::layers::collect(&self.gpu, frame)?));
         #[cfg(not(feature = "gpu"))]
         match (self.never.0, engine, camera) {}
     }
@@ -106,12 +109,21 @@ impl<'s> Device<'s> {
         look: &Look,
         style: &Style,
         leaves: Leaves,
-    ) -> anyhow::Result<Option<Picture>> {
+        shadows: Option<&ShadowPass>,
+    ) -> anyhow::Result<Option<(Picture, Option<ShadowCost>)>> {
         #[cfg(feature = "gpu")]
-        return self
-            .drawn(engine, camera, &|frame| surfcut::gpu::composite::styled(&self.gpu, frame, look, style, leaves));
+        {
+            let gpu = &self.gpu;
+            self.drawn(engine, camera, &|frame| {
+                let styled = |shadows: Option<&Shadows>| styled_with(gpu, frame, look, style, leaves, shadows);
+                match shadows {
+                    Some(pass) => pass.with_gpu(gpu, engine, camera, |shadows| styled(Some(shadows))),
+                    None => Ok((styled(None)?, None)),
+                }
+            })
+        }
         #[cfg(not(feature = "gpu"))]
-        match (self.never.0, engine, camera, look, style, leaves) {}
+        match (self.never.0, engine, camera, look, style, leaves, shadows) {}
     }
 
     /// What `draw` makes of one frame; `None`, told once, where the CPU is to draw it.
@@ -120,19 +132,24 @@ impl<'s> Device<'s> {
         &self,
         engine: &dyn Engine,
         camera: &Camera,
-        draw: &dyn Fn(&dyn GpuLayerSource) -> Result<T, GpuError>,
+        draw: &dyn Fn(&dyn GpuLayerSource) -> Result<T, BackendError>,
     ) -> anyhow::Result<Option<T>> {
         if self.has_fallen_back.get() {
             return Ok(None);
         }
         let mut refused = None;
-        let drawn = self.gpu.checked(|| match engine.gpu_frame(&self.gpu, camera) {
-            Ok(frame) => draw(&*frame).map(Some),
-            Err(BackendError::Gpu(error)) => Err(error),
-            Err(error) => {
-                refused = Some(error);
-                Ok(None)
+        let drawn = self.gpu.checked(|| {
+            match engine.gpu_frame(&self.gpu, camera) {
+                Ok(frame) => draw(&*frame).map(Some),
+                Err(error) => Err(error),
             }
+            .or_else(|error| match error {
+                BackendError::Gpu(error) => Err(error),
+                error => {
+                    refused = Some(error);
+                    Ok(None)
+                }
+            })
         });
         let error = match (drawn, refused) {
             (Ok(drawn), None) => return Ok(drawn),

@@ -45,12 +45,23 @@ pub trait Engine {
     fn undecided(&self) -> Vec<(String, u64)> {
         Vec::new()
     }
+    /// How many samples and which boundaries the frames of the picture have.
+    fn args(&self) -> FrameArgs;
+    /// One frame, of other samples and boundaries than the picture's.
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>>;
     /// One frame.
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>>;
+    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        self.frame_with(camera, self.args())
+    }
+    /// One frame that `gpu` draws, of other samples and boundaries than the picture's.
+    #[cfg(feature = "gpu")]
+    fn gpu_frame_with(&self, _: &Gpu, _: &Camera, _: FrameArgs) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        Err(BackendError::NotThere(format!("with --pipeline {}", self.pipeline())))
+    }
     /// One frame that `gpu` draws.
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, _: &Gpu, _: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        Err(BackendError::NotThere(format!("with --pipeline {}", self.pipeline())))
+    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        self.gpu_frame_with(gpu, camera, self.args())
     }
     /// Brings the leaves to a pose: each from where the scene has it; those that are not named, back there.
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()>;
@@ -288,8 +299,12 @@ impl Engine for SplatEngine {
         "splat"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame = |model, partners| -> Box<dyn LayerSource + '_> {
             Box::new(Frame::new(model, camera.clone(), limit, samples, self.settings, partners))
         };
@@ -303,7 +318,12 @@ impl Engine for SplatEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+    fn gpu_frame_with(
+        &self,
+        gpu: &Gpu,
+        camera: &Camera,
+        frame: FrameArgs,
+    ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
@@ -322,7 +342,7 @@ impl Engine for SplatEngine {
             let _ = self.uploaded.set(uploaded);
         }
         let uploaded = self.uploaded.get().expect("it was just uploaded");
-        let FrameArgs { samples, limit } = self.frame;
+        let FrameArgs { samples, limit } = frame;
         let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, self.settings);
         Ok(Box::new(frame.map_err(refused)?))
     }
@@ -421,8 +441,12 @@ impl Engine for HybridEngine {
         counts.into_iter().map(named).collect()
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         fn boxed<'m>(source: impl LayerSource + 'm) -> Box<dyn LayerSource + 'm> {
             Box::new(source)
         }
@@ -499,8 +523,12 @@ impl Engine for MeshEngine {
         "mesh"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame =
             |model| -> Box<dyn LayerSource + '_> { Box::new(MeshFrame::new(model, camera.clone(), limit, samples)) };
         Ok(match &self.parts {
@@ -510,8 +538,13 @@ impl Engine for MeshEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, _: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn gpu_frame_with(
+        &self,
+        _: &Gpu,
+        camera: &Camera,
+        frame: FrameArgs,
+    ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+        let FrameArgs { samples, limit } = frame;
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
@@ -574,8 +607,12 @@ impl Engine for ReferenceEngine {
         "reference"
     }
 
-    fn frame(&self, camera: &Camera) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = self.frame;
+    fn args(&self) -> FrameArgs {
+        self.frame
+    }
+
+    fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
+        let FrameArgs { samples, limit } = frame;
         let frame = |tree: &Tree| -> anyhow::Result<Box<dyn LayerSource + '_>> {
             let reference = Reference::new(self.leaves.clone(), tree.clone(), camera.clone(), samples, limit)?;
             Ok(Box::new(reference))

@@ -13,6 +13,7 @@ mod memory;
 mod progress;
 mod render;
 mod sequence;
+mod shadows;
 mod style_args;
 
 use std::io::{self, Write};

@@ -11,6 +11,7 @@ use surfcut::composite::maps::maps;
 use surfcut::composite::merge::Contents;
 use surfcut::composite::section::Hatching;
 use surfcut::composite::shaded::tile_count;
+use surfcut::composite::shadow::Shadows;
 use surfcut::composite::{Leaves, Look, Picture, styled_with};
 use surfcut::csg::LeafId;
 use surfcut::formats::depth_picture::{self, DepthPictureError};
@@ -28,6 +29,7 @@ use super::engine::{Engine, FrameArgs, engine};
 use super::failure::{UsageError, code};
 use super::memory::Held;
 use super::progress::Bars;
+use super::shadows::{ShadowCost, ShadowPass, warn_of_shadows};
 use super::{Session, input, memory, sequence};
 
 /// The picture formats.
@@ -52,6 +54,8 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let frame = frame_args(&args.view, &loaded, &style, wants_layers || args.style.dump_maps.is_some());
     describe(args, &camera, frame, &style, &loaded, &mut report);
     warn_of_legend(&style, &camera, session, &mut report);
+    warn_of_shadows(&style, session, &mut report);
+    let shadows = ShadowPass::of_scene(&loaded, &style);
     if let Some(folder) = &args.style.dump_maps {
         maps_folder(folder, session)?;
     }
@@ -76,6 +80,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         style,
         leaves,
         contents: &contents,
+        shadows: shadows.as_ref(),
         limit: frame.limit,
         min_pixels: args.view.min_pixels,
         wants_layers,
@@ -232,11 +237,18 @@ fn outputs(args: &RenderArgs, session: &Session) -> anyhow::Result<Vec<(Destinat
     Ok(outputs)
 }
 
+/// Whether any leaf lets light through, whatever the style.
+pub fn is_transparent(loaded: &LoadedScene) -> bool {
+    loaded.scene.leaves.iter().any(|leaf| leaf.opacity < 1.0) || loaded.has_own_opacities()
+}
+
 /// What the flags leave open: all boundaries where they show or are written, else the nearest.
 pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_layers: bool) -> FrameArgs {
-    let is_transparent = loaded.scene.leaves.iter().any(|leaf| leaf.opacity < 1.0) || loaded.has_own_opacities();
-    let open =
-        if wants_layers || is_transparent || style.needs_all_layers() { LayerLimit::All } else { LayerLimit::Nearest };
+    let open = if wants_layers || is_transparent(loaded) || style.needs_all_layers() {
+        LayerLimit::All
+    } else {
+        LayerLimit::Nearest
+    };
     FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
 }
 
@@ -282,6 +294,8 @@ pub struct Drawing<'a> {
     pub leaves: Leaves<'a>,
     /// Pictures that are composed with the result.
     pub contents: &'a Contents,
+    /// The shadows that fall on it.
+    pub shadows: Option<&'a ShadowPass>,
     /// How many layers `engine` hands over.
     pub limit: LayerLimit,
     /// A layer with fewer pixels is the first that is left out, where deeper ones show.
@@ -309,7 +323,11 @@ pub struct Drawn {
 impl Drawing<'_> {
     /// One picture, with its layers where an output holds them.
     pub fn draw(&self, camera: &Camera, report: &mut Report) -> anyhow::Result<Drawn> {
-        if let Some(picture) = report.phase("frame", || self.of_device(camera))? {
+        if let Some((picture, cost)) = report.phase("frame", || self.of_device(camera))? {
+            // Its time is the frame's: a device is not waited for in between.
+            if let Some(cost) = cost {
+                cost.tell_counts(report);
+            }
             return Ok(Drawn { picture, stack: None, style: self.style, layers: None });
         }
         let source = report.phase("prepare", || backend::source(self.device, self.engine, camera))?;
@@ -328,7 +346,10 @@ impl Drawing<'_> {
         let counted = (counts.is_none() && (is_limited || self.wants_maps)).then(|| Counted::new(source));
         let source = counted.as_ref().map_or(source, |counted| counted);
         let bar = self.bars.count(tile_count(camera), "drawing");
-        let picture = report.phase("frame", || self.styled(source, &style, &|| bar.inc(1)));
+        let watch = Stopwatch::start();
+        let (picture, cost) = self.styled(source, &style, &|| bar.inc(1))?;
+        let of_shadows = cost.map_or(Times::default(), |cost| cost.tell(report));
+        report.add_phase("frame", watch.times() - of_shadows);
         bar.finish_and_clear();
         if let Some(counted) = counted.map(Counted::into_counts) {
             if is_limited {
@@ -340,7 +361,7 @@ impl Drawing<'_> {
     }
 
     /// The picture, where a device can draw all of it: what counts, keeps or mixes layers is the CPU's.
-    fn of_device(&self, camera: &Camera) -> anyhow::Result<Option<Picture>> {
+    fn of_device(&self, camera: &Camera) -> anyhow::Result<Option<(Picture, Option<ShadowCost>)>> {
         let is_counted = self.min_pixels.is_some() || self.style.max_layers.is_some();
         let needs_layers = self.wants_layers
             || self.wants_maps
@@ -348,7 +369,9 @@ impl Drawing<'_> {
             || !self.contents.is_empty()
             || (is_counted && self.shows_layers());
         match self.device {
-            Some(device) if !needs_layers => device.picture(self.engine, camera, &self.look, &self.style, self.leaves),
+            Some(device) if !needs_layers => {
+                device.picture(self.engine, camera, &self.look, &self.style, self.leaves, self.shadows)
+            }
             _ => Ok(None),
         }
     }
@@ -361,7 +384,7 @@ impl Drawing<'_> {
     /// Writes what the picture is made of into `folder`.
     pub fn dump_maps(&self, camera: &Camera, style: &Style, folder: &Path, session: &Session) -> anyhow::Result<()> {
         let source = backend::source(self.device, self.engine, camera)?;
-        let maps = maps(&*source, &self.look, style, self.leaves);
+        let (maps, _) = self.shadowed(camera, |shadows| maps(&*source, &self.look, style, self.leaves, shadows))?;
         let destinations: Vec<Destination> =
             maps.iter().map(|map| Destination::from(folder.join(format!("{}.png", map.name)).as_path())).collect();
         for (map, destination) in maps.into_iter().zip(&destinations) {
@@ -372,8 +395,29 @@ impl Drawing<'_> {
         Ok(())
     }
 
-    fn styled(&self, source: &dyn LayerSource, style: &Style, on_tile: &(dyn Fn() + Sync)) -> Picture {
-        styled_with(source, &self.look, style, self.leaves, self.contents, on_tile)
+    fn styled(
+        &self,
+        source: &dyn LayerSource,
+        style: &Style,
+        on_tile: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<(Picture, Option<ShadowCost>)> {
+        self.shadowed(source.camera(), |shadows| {
+            styled_with(source, &self.look, style, self.leaves, self.contents, shadows, on_tile)
+        })
+    }
+
+    /// What `draw` makes of the shadows that `camera` sees, and what they took.
+    fn shadowed<T>(
+        &self,
+        camera: &Camera,
+        draw: impl FnOnce(Option<&Shadows>) -> T,
+    ) -> anyhow::Result<(T, Option<ShadowCost>)> {
+        match self.shadows {
+            Some(pass) => {
+                pass.with(self.engine, camera, |shadows| draw(Some(shadows))).map(|(drawn, cost)| (drawn, Some(cost)))
+            }
+            None => Ok((draw(None), None)),
+        }
     }
 
     /// The medians of `repeats` frames after a warm-up, the camera turned by one degree each time, so that nothing of a
@@ -394,7 +438,7 @@ impl Drawing<'_> {
                 Some(picture) => drop(std::hint::black_box(picture)),
                 None => {
                     let source = backend::source(self.device, self.engine, &turned)?;
-                    std::hint::black_box(self.styled(&*source, style, &|| ()));
+                    std::hint::black_box(self.styled(&*source, style, &|| ())?);
                 }
             }
             if turn > 0 {

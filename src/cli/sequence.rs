@@ -30,6 +30,7 @@ use super::render::{
     Drawing, Drawn, Files, PictureFormat, contents, describe, frame_args, has_points, leaf_colours, leaf_names,
     left_out_text, most_layers, opened, picture_info, tell_of, times_text, warn_of_legend,
 };
+use super::shadows::{ShadowPass, warn_of_shadows};
 use super::{Session, input, memory};
 
 /// The most frames of a sequence: over an hour at 24 a second.
@@ -64,6 +65,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
     let frame = frame_args(&args.view, &loaded, &style, wants_layers);
     describe(args, &closest.camera, frame, &style, &loaded, &mut report);
     warn_of_legend(&style, &closest.camera, session, &mut report);
+    warn_of_shadows(&style, session, &mut report);
     let missing: Vec<usize> = (0..shots.len()).filter(|&frame| targets.lacks(frame)).collect();
     report.settings.insert("fps".to_owned(), json!(args.sequence.fps));
     report.count("leaves", loaded.scene.leaves.len() as u64);
@@ -78,6 +80,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
         let leaf_colours = leaf_colours(&loaded);
         let names = leaf_names(&loaded);
         let at_rest = Hatching::of_scene(&loaded, &style);
+        let mut shadows = ShadowPass::of_scene(&loaded, &style);
         let device = Device::open(&args.backend, session)?;
         let on = (&closest.camera, device.is_some());
         let mut engine = engine(&mut loaded, &args.pipeline, frame, on, session.bars, &mut report)?;
@@ -97,6 +100,9 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
             if shot.motions != pose {
                 report.phase("move", || engine.pose(&shot.motions))?;
                 pose.clone_from(&shot.motions);
+                if let Some(shadows) = &mut shadows {
+                    shadows.moved(loaded.drawn_within(|leaf| shot.motion(leaf)));
+                }
             }
             let hatching = at_rest.moved(|leaf| shot.motion(leaf));
             let heavy = hatching.heavy();
@@ -107,6 +113,7 @@ pub fn run(args: &RenderArgs, session: &Session) -> anyhow::Result<u8> {
                 style,
                 leaves: Leaves { colours: &leaf_colours, heavy: &heavy, hatching: Some(&hatching), names: &names },
                 contents: &contents,
+                shadows: shadows.as_ref(),
                 limit: frame.limit,
                 min_pixels: args.view.min_pixels,
                 wants_layers,

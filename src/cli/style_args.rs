@@ -35,6 +35,9 @@ pub struct StyleArgs {
     /// How dark hollows are in shaded pictures [default: the scene's, else 0.6 where there are points and 0 elsewhere]
     #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
     pub occlusion: Option<f32>,
+    /// Let the result throw shadows on itself, in styles whose surfaces are lit; with =0..1, how dark they are: 0 for none
+    #[arg(long, value_name = "0..1", num_args = 0..=1, require_equals = true, default_missing_value = "1", value_parser = share, help_heading = "Style")]
+    pub shadows: Option<f32>,
     /// Width of lines in pixels
     #[arg(long, value_name = "PX", value_parser = line_width, help_heading = "Style")]
     pub line_width: Option<f32>,
@@ -80,13 +83,14 @@ impl StyleArgs {
         let mut style = *scene;
         if let Some(kind) = self.style.filter(|&kind| kind != scene.kind) {
             // What suits one style's opacities does not suit another's; lines and colours are the scene's still.
-            let Style { lines, sketch, cut_colour, max_layers, legend, .. } = *scene;
-            style = Style { lines, sketch, cut_colour, max_layers, legend, ..Style::of(kind) };
+            let Style { lines, sketch, cut_colour, max_layers, legend, shadows, .. } = *scene;
+            style = Style { lines, sketch, cut_colour, max_layers, legend, shadows, ..Style::of(kind) };
         }
         style.opacity = self.opacity.unwrap_or(style.opacity);
         style.fade = self.fade.unwrap_or(style.fade);
         style.tint = self.tint.unwrap_or(style.tint);
         style.occlusion = self.occlusion.or(style.occlusion);
+        style.shadows = self.shadows.unwrap_or(style.shadows);
         style.lines.width_px = self.line_width.unwrap_or(style.lines.width_px);
         style.lines.crease_degrees = self.crease.unwrap_or(style.lines.crease_degrees);
         style.lines.jump_px = self.jump.map_or(style.lines.jump_px, |jump| jump as f32);

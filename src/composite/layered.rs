@@ -12,7 +12,7 @@
 //! layer that ends at it, and blending it so many times over would make it wider and its borders hard.
 //!
 //! Shaded and transparent pictures come here too where something is drawn over or into them that needs neighbours: the
-//! outlines of sections, and the shade of `occlusion`.
+//! outlines of sections, the shade of `occlusion`, and shadows.
 //!
 //! *Practice.* With several samples a pixel, each sample's layers are counted and blended on their own; lines are a pixel's.
 //! The picture's depth is that of the nearest thing that shows: a surface that is not quite clear, or ink that covers half
@@ -24,10 +24,13 @@ use super::merge::{Content, Contents};
 use super::occlusion::Shade;
 use super::picture::Picture;
 use super::shaded::{blend_one, over};
+use super::shadow::Shadows;
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
 use crate::layers::{Boundary, LayerSource, LayerTile};
 use crate::scene::style::{Style, StyleKind};
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -42,13 +45,14 @@ pub(super) struct Composed {
 }
 
 /// Draws the layers of `source` with their lines, `contents` among them. `heavy` says by leaf whether its outline is drawn
-/// stronger.
+/// stronger; `shadows` fall on surfaces that are lit.
 pub(super) fn layered(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     heavy: &[bool],
     contents: &Contents,
+    shadows: Option<&Shadows>,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let shader = Shader::new(&look.light, source.camera());
@@ -61,11 +65,11 @@ pub(super) fn layered(
         style,
         heavy,
         on_tile,
-        |_| (),
-        |strip, (), index| {
+        |strip| inks.suns(strip, strip.own.clone(), shadows, source),
+        |strip, suns, index| {
             let tile = &strip.tiles[index];
             let lines = strip.lines(index, tile.rect, false);
-            let mut surfaces = inks.surfaces(tile, &shader, samples);
+            let mut surfaces = inks.surfaces(tile, &shader, samples, suns.get(index).map_or(&[], |sun| &sun[..]));
             if let Some(shade) = &shade {
                 shade.darken(strip, index, &mut surfaces);
             }
@@ -125,20 +129,35 @@ impl Inks {
         Self { colour: style.ink(background), kept: 1.0 - style.fade.clamp(0.0, 1.0), tints, most }
     }
 
-    /// The colours of the surfaces of each tile of `strip`.
-    pub fn of_strip(&self, strip: &Strip, shader: &Shader, samples: u32) -> Vec<Vec<[f32; 4]>> {
-        strip.tiles.par_iter().map(|tile| self.surfaces(tile, shader, samples)).collect()
+    /// The share of the light that reaches each boundary of the tiles `which` of `strip`, seen as `source` is; nothing where nothing
+    /// keeps it off or nothing is lit.
+    pub fn suns(
+        &self,
+        strip: &Strip,
+        which: Range<usize>,
+        shadows: Option<&Shadows>,
+        source: &dyn LayerSource,
+    ) -> Vec<Vec<f32>> {
+        let of_strip = |shadows: &Shadows| shadows.of_strip(strip, which, source.camera(), source.samples());
+        shadows.filter(|_| !self.tints).map(of_strip).unwrap_or_default()
+    }
+
+    /// The colours of the surfaces of each tile of `strip`, where the share of `suns` of the light arrives.
+    pub fn of_strip(&self, strip: &Strip, shader: &Shader, samples: u32, suns: &[Vec<f32>]) -> Vec<Vec<[f32; 4]>> {
+        let sun = |index: usize| suns.get(index).map_or(&[][..], |sun| sun);
+        let tiles = strip.tiles.par_iter().enumerate();
+        tiles.map(|(index, tile)| self.surfaces(tile, shader, samples, sun(index))).collect()
     }
 
     /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities; those beyond the last layer drawn
-    /// may be nothing.
-    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader, samples: u32) -> Vec<[f32; 4]> {
+    /// may be nothing. The share of `sun` of the light arrives, or all where that is empty.
+    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader, samples: u32, sun: &[f32]) -> Vec<[f32; 4]> {
         if self.tints {
             let [r, g, b] = self.colour;
             tile.boundaries.iter().map(|boundary| [r, g, b, boundary.opacity.clamp(0.0, 1.0)]).collect()
         } else {
             // The first boundaries of a pixel are the first layers of its only sample.
-            shader.lit_tile(tile, if samples == 1 { self.most } else { usize::MAX })
+            shader.lit_tile(tile, if samples == 1 { self.most } else { usize::MAX }, sun)
         }
     }
 }

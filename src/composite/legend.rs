@@ -447,7 +447,7 @@ mod tests {
         let names = ["bone", "drill"].map(String::from);
         let leaves = Leaves { colours: &[BONE, DRILL], names: &names, ..Leaves::default() };
         let look = Look { light: Light::default(), background };
-        styled_with(stack, &look, style, leaves, contents, &|| ())
+        styled_with(stack, &look, style, leaves, contents, None, &|| ())
     }
 
     fn is_near(a: [f32; 4], b: [f32; 4]) -> bool {
@@ -601,7 +601,7 @@ mod tests {
         let look = Look { light: Light::default(), background: WHITE };
         let lines = LineSettings::default();
         let style = Style { legend: Some(Corner::TopLeft), lines, ..Style::default() };
-        let picture = styled_with(&stack(width, height), &look, &style, leaves, &Contents::default(), &|| ());
+        let picture = styled_with(&stack(width, height), &look, &style, leaves, &Contents::default(), None, &|| ());
         let (rect, sizes) = panel(width, height, Corner::TopLeft);
         let (across, down) = sizes.swatch();
         let swatch = |number: u32| {

@@ -7,7 +7,7 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x8};
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use crate::layers::{Boundary, LayerTile, OpaqueTile, TILE_SIDE};
 use crate::scene::Light;
@@ -49,15 +49,19 @@ pub(super) struct Batch {
     at: [[f32; LANES]; 2],
     normal: [[f32; LANES]; 3],
     colour: [[f32; LANES]; 3],
+    /// The share of the light that arrives.
+    sun: [f32; LANES],
 }
 
 impl Batch {
-    /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle.
+    /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle. Of the light
+    /// a share `sun` arrives there.
     #[inline(always)]
-    pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary) {
+    pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary, sun: f32) {
         let lane = self.len;
         self.len += 1;
         self.index[lane] = index;
+        self.sun[lane] = sun;
         (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
         let (normal, colour) = (boundary.normal.to_array(), boundary.colour);
         for k in 0..3 {
@@ -65,6 +69,13 @@ impl Batch {
             self.colour[k][lane] = colour[k];
         }
     }
+}
+
+/// The unit vector towards `light`, seen by `camera`, in world space.
+pub fn towards(light: &Light, camera: &Camera) -> DVec3 {
+    let towards = if light.in_world { light.towards } else { camera.rotate_to_world(light.towards) };
+    // A light from nowhere comes from the eye.
+    towards.try_normalize().unwrap_or(-camera.forward)
 }
 
 /// A [`Look`] as one camera sees it.
@@ -79,10 +90,8 @@ pub struct Shader<'a> {
 impl<'a> Shader<'a> {
     /// For pictures of `camera` under `light`.
     pub fn new(light: &Light, camera: &'a Camera) -> Self {
-        let towards = if light.in_world { light.towards } else { camera.rotate_to_world(light.towards) };
-        // A light from nowhere comes from the eye.
-        let towards = towards.try_normalize().unwrap_or(-camera.forward);
-        Self { level: Level::new(), camera, towards_light: towards.as_vec3(), ambient: light.ambient }
+        let towards_light = towards(light, camera).as_vec3();
+        Self { level: Level::new(), camera, towards_light, ambient: light.ambient }
     }
 
     /// The unit vector from the surface towards the eye at the centre of pixel (`x`, `y`), in world space.
@@ -108,8 +117,9 @@ impl<'a> Shader<'a> {
     }
 
     /// The lit colours of the boundaries of `tile`, in their order, each with its opacity. The same light as
-    /// [`lit`](Self::lit). Boundaries beyond the first `most` of a pixel are not lit.
-    pub fn lit_tile(&self, tile: &LayerTile, most: usize) -> Vec<[f32; 4]> {
+    /// [`lit`](Self::lit), of which the share of `sun` arrives at each boundary, all of it where `sun` is empty. Boundaries beyond
+    /// the first `most` of a pixel are not lit.
+    pub fn lit_tile(&self, tile: &LayerTile, most: usize, sun: &[f32]) -> Vec<[f32; 4]> {
         let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
         let mut batch = Batch::default();
         for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
@@ -118,7 +128,8 @@ impl<'a> Shader<'a> {
                 let centre = self.centre_of(x, y);
                 let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
                 for index in from..to.min(from.saturating_add(most)) {
-                    batch.push(index, centre, &tile.boundaries[index]);
+                    let sun = sun.get(index).copied().unwrap_or(1.0);
+                    batch.push(index, centre, &tile.boundaries[index], sun);
                     if batch.len == LANES {
                         self.light(&mut batch, &mut lit);
                     }
@@ -175,6 +186,7 @@ impl<'a> Shader<'a> {
                     [steps + x, f32x8::splat(simd, y)],
                     [load(&tile.normals[0][..]), load(&tile.normals[1][..]), load(&tile.normals[2][..])],
                     [load(&tile.colours[0][..]), load(&tile.colours[1][..]), load(&tile.colours[2][..])],
+                    f32x8::splat(simd, 1.0),
                 );
                 if covered == u64::from(u8::MAX)
                     && let Ok(pixels) = <&mut [[f32; 4]; LANES]>::try_from(&mut *pixels)
@@ -199,10 +211,10 @@ impl<'a> Shader<'a> {
         let [n_x, n_y, n_z] = &batch.normal;
         let [r, g, b] = &batch.colour;
         let at = [load(&batch.at[0]), load(&batch.at[1])];
-        self.lit_lanes(simd, at, [load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)])
+        self.lit_lanes(simd, at, [load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)], load(&batch.sun))
     }
 
-    /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours.
+    /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours, where a share `sun` of the light arrives.
     #[inline(always)]
     fn lit_lanes<S: Simd>(
         &self,
@@ -210,6 +222,7 @@ impl<'a> Shader<'a> {
         at: [f32x8<S>; 2],
         [n_x, n_y, n_z]: [f32x8<S>; 3],
         [r, g, b]: [f32x8<S>; 3],
+        sun: f32x8<S>,
     ) -> [[f32; LANES]; 3] {
         let (forward, right, down) =
             (self.camera.forward.as_vec3(), self.camera.right.as_vec3(), self.camera.down.as_vec3());
@@ -236,13 +249,13 @@ impl<'a> Shader<'a> {
         let from_above = side * (n_x * up.x + n_y * up.y + n_z * up.z) * 0.5 + 0.5;
         let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * self.ambient;
         let rim = power::<RIM_EXPONENT, S>(one - facing_eye) * RIM;
-        let diffuse = hemisphere + facing_light * (1.0 - self.ambient) + rim;
+        let diffuse = hemisphere + facing_light * (1.0 - self.ambient) * sun + rim;
         let (b_x, b_y, b_z) = (e_x + light.x, e_y + light.y, e_z + light.z);
         let squared = b_x * b_x + b_y * b_y + b_z * b_z;
         // Straight from behind there is no direction between; nothing shines there.
         let per_length = squared.simd_gt(f32::MIN_POSITIVE).select(one / squared.sqrt(), one);
         let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
-        let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT;
+        let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT * sun;
         let highlight = facing_light.simd_gt(0.0).select(shine, f32x8::splat(simd, 0.0));
         [(r * diffuse + highlight).into(), (g * diffuse + highlight).into(), (b * diffuse + highlight).into()]
     }

@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3};
 use super::facets::central_sample;
 use super::layered::Inks;
 use super::lighting::Shader;
+use super::shadow::Shadows;
 use super::sketchy::{Hand, Window};
 use super::strip::for_each_strip;
 use super::styled::prepared;
@@ -63,14 +64,26 @@ pub fn bytes_per_pixel(style: &Style, layers: usize) -> u64 {
 
 /// The maps of `source` drawn in `style`; lines are found for styles without lines too. Depth is white at the nearest surface of
 /// all layers and dark at the deepest; normals are in view space, x, y and −z as red, green and blue.
-pub fn maps(source: &dyn LayerSource, look: &Look, style: &Style, leaves: Leaves) -> Vec<Map> {
+pub fn maps(
+    source: &dyn LayerSource,
+    look: &Look,
+    style: &Style,
+    leaves: Leaves,
+    shadows: Option<&Shadows>,
+) -> Vec<Map> {
     // Surfaces are shown whole, whatever their opacity in the style.
     let whole = Style { kind: StyleKind::EdgeTransparent, opacity: 1.0, ..*style };
-    prepared(source, &whole, leaves, None, |source| maps_of(source, look, style, &whole, leaves))
+    prepared(source, &whole, leaves, None, |source| maps_of(source, look, [style, &whole], leaves, shadows))
 }
 
 /// The maps of `source`, whose colours are those of the style `whole`.
-fn maps_of(source: &dyn LayerSource, look: &Look, style: &Style, whole: &Style, leaves: Leaves) -> Vec<Map> {
+fn maps_of(
+    source: &dyn LayerSource,
+    look: &Look,
+    [style, whole]: [&Style; 2],
+    leaves: Leaves,
+    shadows: Option<&Shadows>,
+) -> Vec<Map> {
     let camera = source.camera();
     let (width, height) = (camera.width, camera.height);
     let area = width as usize * height as usize;
@@ -85,7 +98,8 @@ fn maps_of(source: &dyn LayerSource, look: &Look, style: &Style, whole: &Style, 
     let mut noise: Option<Vec<[u8; 3]>> = hand.as_ref().map(|_| vec![EMPTY; area]);
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
     for_each_strip(source, &lined, leaves.heavy, &|| (), |strip| {
-        let surfaces = inks.of_strip(strip, &shader, source.samples());
+        let suns = inks.suns(strip, 0..strip.tiles.len(), shadows, source);
+        let surfaces = inks.of_strip(strip, &shader, source.samples(), &suns);
         for index in strip.own.clone() {
             let tile = &strip.tiles[index];
             let rect = tile.rect;

@@ -3,7 +3,7 @@
 //! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers, lit as
 //! [`lighting`] says. The styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
 //! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines; [`maps`] shows what
-//! they are made of. `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
+//! they are made of. [`shadow`] asks what the light sees (`light_map`, in tiles of `light_grid`). `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
 //! `shown` saw, in letters of `lettering`.
 
 pub(crate) mod edges;
@@ -11,6 +11,8 @@ pub(crate) mod facets;
 pub(crate) mod layered;
 pub mod legend;
 mod lettering;
+pub mod light_grid;
+pub mod light_map;
 pub mod lighting;
 pub mod maps;
 pub mod merge;
@@ -20,6 +22,7 @@ pub mod picture;
 pub mod recolour;
 pub mod section;
 pub mod shaded;
+pub mod shadow;
 mod shown;
 pub(crate) mod sketchy;
 pub(crate) mod strip;

@@ -2,7 +2,7 @@
 
 use crate::layers::limit::first_layers;
 use crate::layers::{LayerSource, LayerTile};
-use crate::scene::style::{CutColour, Style, StyleKind};
+use crate::scene::style::{CutColour, Style};
 use crate::space::{Camera, PixelRect};
 
 /// A source with a style's opacity and colours, and its first layers alone.
@@ -18,15 +18,9 @@ pub struct Recoloured<'a> {
 impl<'a> Recoloured<'a> {
     /// `source` as `style` wants it; `leaf_colours` by the leaf's index, for [`CutColour::Leaf`].
     pub fn new(source: &'a dyn LayerSource, style: &Style, leaf_colours: &'a [[f32; 3]]) -> Self {
-        let opacity = match style.kind {
-            StyleKind::Shaded => 1.0,
-            StyleKind::Transparent | StyleKind::EdgeTransparent | StyleKind::Sketchy => style.opacity,
-            StyleKind::Blueprint => style.tint,
-            StyleKind::Wireframe => 0.0,
-        };
         // Lines are found with the layers behind the last one drawn: a front's outline is where its back ends too.
         let max_layers = style.max_layers.filter(|_| !style.kind.has_lines());
-        Self { source, opacity, cut: style.cut_colour, leaf_colours, max_layers }
+        Self { source, opacity: style.opacity_factor(), cut: style.cut_colour, leaf_colours, max_layers }
     }
 
     /// Whether nothing is changed.

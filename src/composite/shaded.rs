@@ -100,12 +100,12 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
             covered += 1;
             let index = row * tile.rect.width() as usize + column;
             if first.samples & all == all && first.opacity >= 1.0 {
-                batch.push(index, shader.centre_of(x, y), first);
+                batch.push(index, shader.centre_of(x, y), first, 1.0);
                 if batch.len == LANES {
                     shader.light(&mut batch, &mut pixels);
                 }
             } else {
-                let lit = lit.get_or_insert_with(|| shader.lit_tile(tile, usize::MAX));
+                let lit = lit.get_or_insert_with(|| shader.lit_tile(tile, usize::MAX, &[]));
                 let of_pixel = tile.offsets[index] as usize..tile.offsets[index + 1] as usize;
                 pixels[index] = if samples == 1 {
                     blend_one(&lit[of_pixel], background)

@@ -18,6 +18,7 @@ use super::layered::{Composed, Gathered, Inks, from_strips};
 use super::lighting::Shader;
 use super::noise::Perlin;
 use super::picture::Picture;
+use super::shadow::Shadows;
 use super::strip::Strip;
 use crate::layers::LayerSource;
 use crate::scene::style::{SketchSettings, Style};
@@ -28,12 +29,14 @@ pub(crate) const NOISE_GRID_PX: u32 = 8;
 /// The second value of the noise is the same noise this far away, in wavelengths.
 const SECOND_VALUE: Vec2 = Vec2::new(57.3, 131.7);
 
-/// Draws the layers of `source` sketchily. `heavy` says by leaf whether its outline is drawn stronger.
+/// Draws the layers of `source` sketchily. `heavy` says by leaf whether its outline is drawn stronger; `shadows` fall
+/// on its surfaces.
 pub(super) fn sketchy(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     heavy: &[bool],
+    shadows: Option<&Shadows>,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let shader = Shader::new(&look.light, source.camera());
@@ -41,7 +44,10 @@ pub(super) fn sketchy(
     let samples = source.samples();
     let hand = Hand::new(&style.sketch);
     // A tile's surfaces are looked up from the tiles around it too.
-    let surfaces = |strip: &Strip| inks.of_strip(strip, &shader, samples);
+    let surfaces = |strip: &Strip| {
+        let suns = inks.suns(strip, 0..strip.tiles.len(), shadows, source);
+        inks.of_strip(strip, &shader, samples, &suns)
+    };
     from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index| {
         let rect = strip.tiles[index].rect;
         let area = rect.area();

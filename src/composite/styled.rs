@@ -6,6 +6,7 @@ use super::merge::{Contents, compose};
 use super::recolour::Recoloured;
 use super::section::{Hatched, Hatching};
 use super::shaded::shaded;
+use super::shadow::Shadows;
 use super::shown::{Shown, Watched};
 use super::sketchy::sketchy;
 use super::{Look, Picture};
@@ -34,23 +35,25 @@ pub fn styled(
     leaves: Leaves,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
-    styled_with(source, look, style, leaves, &Contents::default(), on_tile)
+    styled_with(source, look, style, leaves, &Contents::default(), None, on_tile)
 }
 
-/// As [`styled`], composed with other content by depth.
+/// As [`styled`], composed with other content by depth, which throws no shadows and takes none, and with `shadows` of the result.
 pub fn styled_with(
     source: &dyn LayerSource,
     look: &Look,
     style: &Style,
     leaves: Leaves,
     contents: &Contents,
+    shadows: Option<&Shadows>,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
+    let shadows = shadows.filter(|_| style.shadow_strength().is_some());
     let Some(corner) = style.legend else {
-        return composed(source, look, style, leaves, contents, None, on_tile);
+        return composed(source, look, style, leaves, (contents, shadows), None, on_tile);
     };
     let shown = Shown::new(style);
-    let mut picture = composed(source, look, style, leaves, contents, Some(&shown), on_tile);
+    let mut picture = composed(source, look, style, leaves, (contents, shadows), Some(&shown), on_tile);
     legend::draw(&mut picture, corner, &shown.into_surfaces(), source.camera(), look, style, leaves);
     picture
 }
@@ -61,16 +64,16 @@ fn composed(
     look: &Look,
     style: &Style,
     leaves: Leaves,
-    contents: &Contents,
+    (contents, shadows): (&Contents, Option<&Shadows>),
     shown: Option<&Shown>,
     on_tile: &(dyn Fn() + Sync),
 ) -> Picture {
     let watch = shown.map(|shown| (shown, contents));
     if contents.is_empty() || style.kind != StyleKind::Sketchy {
         return prepared(source, style, leaves, watch, |source| match style.kind {
-            _ if contents.is_empty() && is_plain(style, leaves) => shaded(source, look, on_tile),
-            StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, on_tile),
-            _ => layered(source, look, style, leaves.heavy, contents, on_tile),
+            _ if contents.is_empty() && shadows.is_none() && is_plain(style, leaves) => shaded(source, look, on_tile),
+            StyleKind::Sketchy => sketchy(source, look, style, leaves.heavy, shadows, on_tile),
+            _ => layered(source, look, style, leaves.heavy, contents, shadows, on_tile),
         });
     }
     const NOTHING: [f32; 4] = [0.0; 4];
@@ -79,7 +82,7 @@ fn composed(
     let mut inked = *style;
     inked.lines.ink = Some(style.ink(look.background));
     let mut picture = prepared(source, style, leaves, watch, |source| {
-        sketchy(source, &look_over_nothing, &inked, leaves.heavy, on_tile)
+        sketchy(source, &look_over_nothing, &inked, leaves.heavy, shadows, on_tile)
     });
     compose(&mut picture, contents, look.background);
     picture

@@ -216,7 +216,7 @@ fn edges_that_layers_share_coincide_in_a_sketch() {
     let tree = crate::csg::expression::parse("a | b", &mut |name| Some(LeafId(u32::from(name == "b")))).unwrap();
     let source = Reference::new(leaves, tree, camera, 1, LayerLimit::All).unwrap();
     let look = Look { light: Light::default(), background: WHITE };
-    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default());
+    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default(), None);
     let map = |name: &str| &maps.iter().find(|map| map.name == name).unwrap().rgb;
     let ink = |name: &str, pixel: usize| 255 - map(name)[3 * pixel];
     let mut moved = 0;
@@ -329,7 +329,7 @@ fn maps_show_each_layer_and_what_a_sketch_makes_of_it() {
     let camera = camera(Lens::Height(2.6), 100, 100);
     let source = of_solid(Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 }, DQuat::IDENTITY, camera);
     let look = Look { light: Light::default(), background: WHITE };
-    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default());
+    let maps = maps::maps(&source, &look, &Style::of(StyleKind::Sketchy), Leaves::default(), None);
     let names: Vec<&str> = maps.iter().map(|map| map.name.as_str()).collect();
     let kinds = ["depth", "normals", "colours", "edges", "perturbed_colours", "perturbed_edges", "perturbed_depth"];
     let wanted: Vec<String> = (1..=2).flat_map(|layer| kinds.map(|kind| format!("layer{layer}_{kind}"))).collect();

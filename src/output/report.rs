@@ -1,6 +1,7 @@
 //! The summary of a run: what it did, how long each phase took, what it used. Written as JSON.
 
 use std::collections::BTreeMap;
+use std::ops::{Add, Sub};
 use std::time::Instant;
 
 use serde::Serialize;
@@ -14,6 +15,22 @@ pub struct Times {
     pub ms: f64,
     /// Processor time of all threads in milliseconds.
     pub cpu_ms: f64,
+}
+
+impl Add for Times {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { ms: self.ms + other.ms, cpu_ms: self.cpu_ms + other.cpu_ms }
+    }
+}
+
+impl Sub for Times {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self { ms: self.ms - other.ms, cpu_ms: self.cpu_ms - other.cpu_ms }
+    }
 }
 
 /// A phase under way.

@@ -390,6 +390,21 @@ impl LoadedScene {
         framing::extent(&self.scene.tree, |leaf| self.leaf_extent(leaf))
     }
 
+    /// Around everything that may be drawn of the result while each leaf is moved by its `motion`, world space.
+    pub fn drawn_within(&self, motion: impl Fn(LeafId) -> Motion) -> Bounds {
+        let moved = |leaf: LeafId, bounds: Bounds| bounds.transformed(&motion(leaf).affine());
+        let extent = framing::extent(&self.scene.tree, |leaf| match self.leaf_extent(leaf) {
+            Extent::Within(bounds) => Extent::Within(moved(leaf, bounds)),
+            Extent::Unbounded(bounds) => Extent::Unbounded(bounds.map(|bounds| moved(leaf, bounds))),
+            Extent::Empty => Extent::Empty,
+        });
+        if let Extent::Within(bounds) = extent {
+            return bounds;
+        }
+        let leaves = self.scene.tree.leaves().into_iter().map(|leaf| moved(leaf, self.drawn_bounds(leaf)));
+        leaves.reduce(Bounds::union).unwrap_or(Bounds { min: glam::DVec3::ZERO, max: glam::DVec3::ZERO })
+    }
+
     /// Whether the result goes on without end.
     pub fn is_endless(&self) -> bool {
         endless::is_endless(&self.scene.tree, |leaf| self.far[leaf.0 as usize])

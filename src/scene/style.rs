@@ -53,6 +53,11 @@ impl StyleKind {
     pub fn has_lines(self) -> bool {
         !matches!(self, Self::Shaded | Self::Transparent)
     }
+
+    /// Whether surfaces are lit, so that shadows can fall on them.
+    pub fn is_lit(self) -> bool {
+        !matches!(self, Self::Blueprint | Self::Wireframe)
+    }
 }
 
 /// A corner of the picture.
@@ -202,6 +207,8 @@ pub struct Style {
     pub fade: f32,
     /// How dark hollows are (shaded alone); 0 to 1. `None` is [`SCAN_OCCLUSION`] in scenes with points and none in others.
     pub occlusion: Option<f32>,
+    /// How dark shadows are (where surfaces are lit): 0 without any, 1 without any of the light.
+    pub shadows: f32,
     /// Lines.
     pub lines: LineSettings,
     /// Sketchy alone.
@@ -229,6 +236,7 @@ impl Style {
             tint: 0.08,
             fade: if matches!(kind, StyleKind::Blueprint | StyleKind::Wireframe) { 0.25 } else { 0.0 },
             occlusion: None,
+            shadows: 0.0,
             lines: LineSettings::default(),
             sketch: SketchSettings::default(),
             cut_colour: CutColour::default(),
@@ -271,6 +279,21 @@ impl Style {
     pub fn hollow_shade(&self) -> Option<f32> {
         let strength = self.occlusion.filter(|strength| self.kind == StyleKind::Shaded && *strength > 0.0);
         strength.map(|strength| strength.min(1.0))
+    }
+
+    /// How dark shadows are, above 0 to 1, where the style shows them.
+    pub fn shadow_strength(&self) -> Option<f32> {
+        (self.kind.is_lit() && self.shadows > 0.0).then_some(self.shadows.min(1.0))
+    }
+
+    /// The factor of every surface's opacity.
+    pub fn opacity_factor(&self) -> f32 {
+        match self.kind {
+            StyleKind::Shaded => 1.0,
+            StyleKind::Transparent | StyleKind::EdgeTransparent | StyleKind::Sketchy => self.opacity,
+            StyleKind::Blueprint => self.tint,
+            StyleKind::Wireframe => 0.0,
+        }
     }
 
     /// Whether deeper layers than the nearest opaque one show.

@@ -7,6 +7,7 @@
 //! tint = 0.08                 # blueprint: opacity of a surface
 //! fade = 0.25                 # how much weaker the ink of each layer is than that of the one before
 //! occlusion = 0.6             # shaded: how dark hollows are
+//! shadows = true              # or how dark, 0 to 1
 //! line_width = 1.5            # pixels
 //! crease = 25                 # degrees: surfaces that meet at more have a line
 //! jump = 3                    # footprints: surfaces further apart have a line
@@ -22,12 +23,13 @@ use super::style::{Corner, CutColour, HIDDEN_LINES, SketchSettings, Style, Style
 use super::toml_file::SceneError;
 use super::toml_values::Field;
 
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 15] = [
     "kind",
     "opacity",
     "tint",
     "fade",
     "occlusion",
+    "shadows",
     "line_width",
     "crease",
     "jump",
@@ -60,6 +62,9 @@ pub(super) fn parse(field: &Field) -> Result<Style, SceneError> {
     }
     if let Some(occlusion) = table.get("occlusion")? {
         style.occlusion = Some(occlusion.share()?);
+    }
+    if let Some(shadows) = table.get("shadows")? {
+        style.shadows = parse_shadows(&shadows)?;
     }
     if let Some(width) = table.get("line_width")? {
         style.lines.width_px = width.positive()? as f32;
@@ -105,6 +110,15 @@ pub(super) fn parse(field: &Field) -> Result<Style, SceneError> {
         style.sketch = parse_sketch(&sketch)?;
     }
     Ok(style)
+}
+
+fn parse_shadows(field: &Field) -> Result<f32, SceneError> {
+    match field.flag() {
+        Ok(is_on) => Ok(f32::from(u8::from(is_on))),
+        Err(_) => {
+            field.share().map_err(|_| field.bad("it is no darkness", "write true, false or a number from 0 to 1"))
+        }
+    }
 }
 
 fn parse_legend(field: &Field) -> Result<Option<Corner>, SceneError> {

@@ -19,12 +19,13 @@ mod occlusion;
 mod recolour;
 mod section;
 mod shaded;
+pub mod shadow;
 mod sketchy;
 mod strokes;
 mod styled;
 mod view;
 
-pub use styled::styled;
+pub use styled::{styled, styled_with};
 
 /// Every module of the compositor.
 pub(super) fn shaders() -> Vec<super::shader::Shader> {
@@ -37,5 +38,6 @@ pub(super) fn shaders() -> Vec<super::shader::Shader> {
         layered::shader(),
         occlusion::shader(),
         sketchy::shader(),
+        shadow::shader(),
     ]
 }

@@ -4,6 +4,7 @@ use super::layered::{self, Canvas};
 use super::occlusion::Occlusion;
 use super::recolour::{Recolour, leaf_table};
 use super::shaded::{self, Paints};
+use super::shadow::Shadows;
 use super::sketchy::Sketcher;
 use super::strokes::{Lines, no_inks};
 use super::view::{Band, FAR};
@@ -18,7 +19,7 @@ use crate::space::PixelRect;
 const BAND_SIDE: u32 = crate::composite::strip::STRIP_PIXELS.isqrt() as u32;
 
 /// What is the same in all bands of a frame.
-struct Frame<'a> {
+struct Frame<'a, 's> {
     gpu: &'a Gpu,
     source: &'a dyn GpuLayerSource,
     is_plain: bool,
@@ -28,6 +29,7 @@ struct Frame<'a> {
     lines: Option<Lines>,
     occlusion: Option<Occlusion>,
     sketcher: Option<Sketcher>,
+    shadows: Option<&'a Shadows<'s>>,
 }
 
 /// The pixels of a part of the picture, row by row.
@@ -50,12 +52,29 @@ pub fn styled(
     style: &Style,
     leaves: Leaves,
 ) -> Result<Picture, GpuError> {
+    styled_with(gpu, source, look, style, leaves, None)
+}
+
+/// As [`styled`], with `shadows` of the result.
+///
+/// # Errors
+/// Those of [`styled`].
+pub fn styled_with(
+    gpu: &Gpu,
+    source: &dyn GpuLayerSource,
+    look: &Look,
+    style: &Style,
+    leaves: Leaves,
+    shadows: Option<&Shadows>,
+) -> Result<Picture, GpuError> {
+    let shadows = shadows.filter(|_| style.shadow_strength().is_some());
     let camera = source.camera();
     let (width, height) = (camera.width, camera.height);
     let frame = Frame {
         gpu,
         source,
-        is_plain: is_plain(style, leaves),
+        is_plain: is_plain(style, leaves) && shadows.is_none(),
+        shadows,
         paints: gpu.uniform("paints", &Paints::new(camera, look, style)),
         leaves: gpu.upload("leaves", &leaf_table(&leaves))?,
         recolour: Recolour::new(gpu, camera, style, &leaves)?,
@@ -83,7 +102,7 @@ pub fn styled(
     Ok(picture)
 }
 
-impl Frame<'_> {
+impl Frame<'_, '_> {
     /// How far from a pixel the layers are that its picture depends on, in columns and rows.
     fn reach_px(&self) -> u32 {
         let lines = self.lines.as_ref().map_or(0, |lines| lines.reach_px);
@@ -127,9 +146,11 @@ impl Frame<'_> {
             Some(lines) => lines.inks(gpu, band, self.source.samples(), &self.leaves)?,
             None => no_inks(gpu, band)?,
         };
-        let mut commands = gpu.commands();
         // A hand looks at surfaces around the part too.
-        let surfaces = layered::surfaces(gpu, &mut commands, band, &self.paints, self.sketcher.is_some())?;
+        let of_all = self.sketcher.is_some();
+        let kept_off = self.shadows.map(|shadows| shadows.fall_on(gpu, self.source, band, of_all)).transpose()?;
+        let mut commands = gpu.commands();
+        let surfaces = layered::surfaces(gpu, &mut commands, band, &self.paints, of_all, kept_off.as_ref())?;
         if let Some(occlusion) = &self.occlusion {
             occlusion.darken(gpu, &mut commands, band, &surfaces)?;
         }

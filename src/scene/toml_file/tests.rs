@@ -254,6 +254,10 @@ fn a_style_is_read_with_all_that_it_names() {
         let text = format!("[leaf.a]\nfile = 'a.ply'\n[style]\nlegend = {line}");
         assert_eq!(parse(&text, Path::new("")).unwrap().style.legend, legend);
     }
+    for (line, shadows) in [("true", 1.0), ("false", 0.0), ("0.7", 0.7)] {
+        let text = format!("[leaf.a]\nfile = 'a.ply'\n[style]\nshadows = {line}");
+        assert_eq!(parse(&text, Path::new("")).unwrap().style.shadows, shadows);
+    }
 }
 
 #[test]
@@ -270,6 +274,8 @@ fn mistakes_in_a_style_are_named() {
         ("sketch = { wavelength = 2 }", "break up"),
         ("legend = 'middle'", "top-right"),
         ("legend = 3", "true or false"),
+        ("shadows = 2", "from 0 to 1"),
+        ("shadows = 'dark'", "true, false"),
         ("strokes = 2", "unknown key"),
     ];
     for (line, wanted) in cases {

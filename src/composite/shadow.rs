@@ -1,0 +1,364 @@
+//! Shadows: how much of the light reaches each boundary, asked of the layers that the light sees.
+//!
+//! *Theory.* Blister CSG §5 and its Fig. 13: the layers of a CSG result can be peeled from the light as well as from the eye, with
+//! depths that can be compared, and so the result throws shadows without ever being made into a mesh (shadow mapping; Williams
+//! 1978). Where the light's layers are transparent each lets its share through, front to back, as towards the eye.
+//!
+//! *Changes from the paper.* A depth map alone cannot tell a surface from itself: within a texel its depth varies, and a bias that
+//! hides this detaches shadows from what throws them. The light's layers know their normals too. A surface element q stands between
+//! a point p and the light where q is above p's tangent plane *and* p is below q's. A surface that bends away from its tangent planes
+//! lies below both, one that bends towards them above both: neither shadows itself, however much it bends within a texel and
+//! however flat the light falls, nor do two faces that meet, in an edge or in a notch. What is left is noise, and surfaces bent both
+//! ways: by less than [`TOLERANCE`] neither counts. What that leaves lit wrongly is where light grazes a hollow: on the wall of a bore
+//! of radius R the light at a sine s is stopped 2R·s² over the tangent plane, so below s² = tolerance / 2R it may pass.
+//!
+//! *Practice.* A texel is no larger than the pixel that asks, seen from the light ([`LightGrid`] has texels of every size), but
+//! not below half of the pixel's own size where light grazes, nor so small that a pixel at a grazing angle of view has more than
+//! some hundreds: [`Shadows::coarse`] counts the boundaries where these two rules leave texels larger. A pixel's light is the mean over
+//! the texels that its part of the tangent plane covers, each by the share covered (percentage-closer filtering; Reeves, Salesin
+//! and Cook 1987), so that edges have neither steps nor the grain of random samples. A boundary that some samples of a pixel see asks from the middle of those. The light's own cameras take one sample a
+//! texel.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::facets::STEEPEST;
+use super::light_grid::{LightGrid, LightTile, SIDE};
+use super::light_map::{CasterTile, DrawLight, Frames, LightMap};
+use super::strip::Strip;
+use crate::layers::{Boundary, LayerTile, MAX_SAMPLES, sample_offsets};
+use crate::space::Camera;
+
+/// What stands less than this over a tangent plane is the surface itself, in footprints of the pixel: two views of one surface each
+/// find it within half a footprint, which is what sampling and tessellation leave (`--max-error`).
+pub(crate) const TOLERANCE: f64 = 1.0;
+
+/// Where light grazes, texels get no smaller than this share of a pixel: there is little light to lose.
+pub(crate) const LEAST_SHARE: f64 = 0.5;
+
+/// A pixel is at most this many texels long, up to the rounding of their size.
+pub(crate) const MOST_TEXELS: f64 = 8.0;
+
+/// A surface counts as lit at no flatter an angle than this sine of it: its plane would reach any depth within a texel.
+pub(crate) const LEAST_SINE: f64 = 1.0 / 64.0;
+
+/// A pixel seen from the light is at least this wide, in texels.
+pub(crate) const LEAST_WIDTH: f64 = 1.0 / 64.0;
+
+/// What keeps the light from boundaries.
+pub struct Shadows<'a> {
+    map: RefCell<&'a mut LightMap>,
+    frames: RefCell<Frames<'a>>,
+    draw: &'a DrawLight<'a>,
+    strength: f32,
+    watch: &'a dyn Fn(&mut dyn FnMut()),
+    coarse: AtomicU64,
+}
+
+impl<'a> Shadows<'a> {
+    /// Shadows from `map`, which is drawn further by `draw`; of `strength` 1 they keep all of the light off. All that is done for
+    /// them is done within `watch`, which calls what it is handed once.
+    pub fn new(
+        map: &'a mut LightMap,
+        strength: f32,
+        draw: &'a DrawLight<'a>,
+        watch: &'a dyn Fn(&mut dyn FnMut()),
+    ) -> Self {
+        let (frames, coarse) = (RefCell::default(), AtomicU64::new(0));
+        Self { map: RefCell::new(map), frames, draw, strength: strength.clamp(0.0, 1.0), watch, coarse }
+    }
+
+    /// Boundaries so far whose texels are larger than their pixel.
+    pub fn coarse(&self) -> u64 {
+        self.coarse.load(Ordering::Relaxed)
+    }
+
+    /// For each of the tiles `which` of `strip` the share of the light that reaches its boundaries, in their order. Other tiles
+    /// have an empty list.
+    pub(super) fn of_strip(&self, strip: &Strip, which: Range<usize>, camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
+        let mut shares = vec![Vec::new(); strip.tiles.len()];
+        shares.splice(which.clone(), self.on(&strip.tiles[which], camera, samples));
+        shares
+    }
+
+    /// The share of the light that reaches each boundary of `tiles`, which `camera` sees with `samples` samples a pixel.
+    pub fn on(&self, tiles: &[LayerTile], camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
+        let mut shares = Vec::new();
+        let mut pass = || {
+            let mut map = self.map.borrow_mut();
+            let receivers = Receivers::new(map.grid(), camera, samples);
+            let coarse = &self.coarse;
+            let wanted: Vec<BTreeSet<LightTile>> =
+                tiles.par_iter().map(|tile| receivers.wanted(tile, coarse)).collect();
+            let wanted = wanted.into_iter().flatten().collect();
+            map.ask(&wanted, &mut self.frames.borrow_mut(), self.draw);
+            let map = &**map;
+            let receivers = Receivers::new(map.grid(), camera, samples);
+            let strength = self.strength;
+            let share = |receiver: Option<Receiver>| {
+                receiver.map_or(0.0, |receiver| 1.0 - strength * (1.0 - receiver.light(map)))
+            };
+            let of_tile = |tile: &LayerTile| {
+                let mut of_tile = Vec::with_capacity(tile.boundaries.len());
+                receivers.each(tile, |receiver| of_tile.push(share(receiver)));
+                of_tile
+            };
+            shares = tiles.par_iter().map(of_tile).collect();
+        };
+        (self.watch)(&mut pass);
+        shares
+    }
+}
+
+/// Makes boundaries that one camera sees into receivers of light.
+struct Receivers<'a> {
+    grid: &'a LightGrid,
+    camera: &'a Camera,
+    samples: u32,
+}
+
+impl<'a> Receivers<'a> {
+    fn new(grid: &'a LightGrid, camera: &'a Camera, samples: u32) -> Self {
+        Self { grid, camera, samples: samples.clamp(1, MAX_SAMPLES) }
+    }
+
+    /// Calls `with` for each boundary of `tile`, in their order; `None` is one that the light does not fall on.
+    fn each(&self, tile: &LayerTile, mut with: impl FnMut(Option<Receiver>)) {
+        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
+            let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
+            for boundary in &tile.boundaries[of_pixel[0] as usize..of_pixel[1] as usize] {
+                with(self.receiver(tile.rect.x0 + x, tile.rect.y0 + y, boundary));
+            }
+        }
+    }
+
+    /// The tiles of the light's grid that the boundaries of `tile` ask for; adds those that are coarse to `coarse`.
+    fn wanted(&self, tile: &LayerTile, coarse: &AtomicU64) -> BTreeSet<LightTile> {
+        let (mut wanted, mut last, mut count) = (BTreeSet::new(), None, 0);
+        self.each(tile, |receiver| {
+            let Some(receiver) = receiver else { return };
+            count += u64::from(receiver.is_coarse);
+            let [low, high] = receiver.texels(receiver.shape().reach).map(|[x, y]| LightTile::of(receiver.level, x, y));
+            // Neighbours ask for the same.
+            if last != Some([low, high]) {
+                last = Some([low, high]);
+                let column = |x: i32| (low.y..=high.y).map(move |y| LightTile { level: receiver.level, x, y });
+                wanted.extend((low.x..=high.x).flat_map(column));
+            }
+        });
+        coarse.fetch_add(count, Ordering::Relaxed);
+        wanted
+    }
+
+    /// Where in the pixel the samples of `mask` are, on average.
+    fn middle(&self, mask: u16) -> DVec2 {
+        let all = u16::MAX >> (MAX_SAMPLES - self.samples);
+        if self.samples == 1 || mask & all == all {
+            return DVec2::splat(0.5);
+        }
+        let seen = sample_offsets(self.samples).iter().enumerate().filter(|(sample, _)| mask >> sample & 1 == 1);
+        let (sum, count) = seen.fold((DVec2::ZERO, 0.0), |(sum, count), (_, offset)| (sum + offset, count + 1.0));
+        if count > 0.0 { sum / count } else { DVec2::splat(0.5) }
+    }
+
+    fn receiver(&self, x: u32, y: u32, boundary: &Boundary) -> Option<Receiver> {
+        let Self { grid, camera, .. } = self;
+        let ray = camera.ray(DVec2::new(f64::from(x), f64::from(y)) + self.middle(boundary.samples));
+        let depth = f64::from(boundary.depth);
+        // The side that is lit is the one that is seen.
+        let normal = boundary.normal.as_dvec3();
+        let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let sine = normal.dot(grid.towards());
+        if !(sine > 0.0) {
+            return None;
+        }
+        // The pixel's sides on the tangent plane, as in `facets::Slopes`.
+        let along = normal.dot(ray.dir);
+        let per_along = along / (along * along + 0.25 / f64::from(STEEPEST * STEEPEST));
+        let footprint = camera.footprint(depth);
+        let side =
+            |aside: DVec3| grid.rotated((aside - ray.dir * (aside.dot(normal) * per_along)) * footprint).truncate();
+        let sides = [side(camera.right), side(camera.down)];
+        let long = sides[0].length().max(sides[1].length());
+        let short = sides[0].perp_dot(sides[1]).abs() / long.max(f64::MIN_POSITIVE);
+        let wanted = short.clamp(LEAST_SHARE * footprint, footprint).max(long / MOST_TEXELS);
+        let level = grid.level_for(wanted);
+        let texel = LightGrid::texel(level);
+        let at = grid.on_grid(ray.at(depth));
+        let normal = grid.rotated(normal);
+        let normal = DVec3::new(normal.x, normal.y, -sine.max(LEAST_SINE)).normalize();
+        Some(Receiver {
+            level,
+            texel,
+            at: at.truncate() / texel,
+            depth: at.z,
+            sides: sides.map(|side| (side / texel).as_vec2()),
+            normal: normal.as_vec3(),
+            tolerance: (TOLERANCE * footprint / texel).max(1.0) as f32,
+            is_coarse: texel > short,
+        })
+    }
+}
+
+/// A point of a surface that the light may fall on, on the light's grid; lengths in texels where nothing else is said.
+#[derive(Debug, Clone, Copy)]
+struct Receiver {
+    level: i32,
+    /// World units.
+    texel: f64,
+    /// From the grid's origin.
+    at: DVec2,
+    /// World units.
+    depth: f64,
+    /// The pixel's two sides on the tangent plane.
+    sides: [Vec2; 2],
+    /// Towards the light.
+    normal: Vec3,
+    tolerance: f32,
+    /// Whether texels are larger than the pixel.
+    is_coarse: bool,
+}
+
+impl Receiver {
+    /// How the pixel lies on the texels.
+    fn shape(&self) -> Shape {
+        let [a, mut b] = self.sides;
+        let width = LEAST_WIDTH as f32 * a.length().max(b.length()).max(1.0);
+        if a.perp_dot(b).abs() < width {
+            b += a.perp().normalize_or(Vec2::Y) * width.copysign(a.perp_dot(b));
+        }
+        let det = a.perp_dot(b);
+        // (x, y) = u a + v b.
+        let (u, v) = (Vec2::new(b.y, -b.x) / det, Vec2::new(-a.y, a.x) / det);
+        let half = |along: Vec2| 0.5 * (along.x.abs() + along.y.abs());
+        let halves = Vec2::new(half(u), half(v));
+        let reach = (halves + 0.5).x * a.abs() + (halves + 0.5).y * b.abs();
+        Shape { u, v, halves, reach }
+    }
+
+    /// Columns and rows of the first and the last texel whose middles are within `reach`.
+    fn texels(&self, reach: Vec2) -> [[i32; 2]; 2] {
+        let (first, last) = ((self.at - reach.as_dvec2() - 0.5).ceil(), (self.at + reach.as_dvec2() - 0.5).floor());
+        [first, last].map(|at| [at.x as i32, at.y as i32])
+    }
+
+    /// The share of the light that reaches the pixel's part of the tangent plane.
+    fn light(&self, map: &LightMap) -> f32 {
+        let shape = self.shape();
+        let [[x0, y0], [x1, y1]] = self.texels(shape.reach);
+        let (mut lit, mut all) = (0.0, 0.0);
+        let mut last: Option<(LightTile, Option<&CasterTile>)> = None;
+        for y in y0..=y1 {
+            for x in x0..=x1 {
+                let from_here = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - self.at).as_vec2();
+                let weight = shape.weight(from_here);
+                if !(weight > 0.0) {
+                    continue;
+                }
+                let key = LightTile::of(self.level, x, y);
+                let tile = match last {
+                    Some((known, tile)) if known == key => tile,
+                    _ => map.tile(key),
+                };
+                last = Some((key, tile));
+                all += weight;
+                lit += weight * tile.map_or(1.0, |tile| self.through(tile, [x, y], from_here));
+            }
+        }
+        if all > 0.0 { lit / all } else { 1.0 }
+    }
+
+    /// The share of the light that passes what stands in texel `at` of `tile`, which lies `from_here`.
+    #[inline]
+    fn through(&self, tile: &CasterTile, at: [i32; 2], from_here: Vec2) -> f32 {
+        let [x, y] = at.map(|at| at.rem_euclid(SIDE as i32) as usize);
+        let mut through = 1.0;
+        for caster in tile.at(x, y) {
+            let deeper = ((f64::from(caster.depth) - self.depth) / self.texel) as f32;
+            let to_caster = from_here.extend(deeper);
+            let over_this = self.normal.dot(to_caster);
+            let over_that = caster.normal.dot(to_caster);
+            if over_this > self.tolerance && over_that > self.tolerance {
+                through *= caster.through;
+            }
+        }
+        through
+    }
+}
+
+/// How a pixel's parallelogram lies on the texels: x and y are its sides' shares u and v.
+#[derive(Debug, Clone, Copy)]
+struct Shape {
+    /// u and v by x and y, in texels.
+    u: Vec2,
+    v: Vec2,
+    /// Half of what a texel covers of u and of v.
+    halves: Vec2,
+    /// How far from the pixel's middle texels still cover a part of it, in columns and rows.
+    reach: Vec2,
+}
+
+impl Shape {
+    /// How much of the pixel a texel covers whose middle is `from_here`; of no unit. A box as wide as the pixel, smoothed by one as
+    /// wide as a texel.
+    #[inline]
+    fn weight(&self, from_here: Vec2) -> f32 {
+        let along = |share: Vec2, half: f32| ((0.5 + half - share.dot(from_here).abs()) / (2.0 * half)).clamp(0.0, 1.0);
+        along(self.u, self.halves.x) * along(self.v, self.halves.y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The share of a pixel with these sides, in texels, that lies left of the grid's origin; its middle is `x` right of it.
+    fn left_of_origin(sides: [Vec2; 2], x: f64) -> f32 {
+        let at = DVec2::new(x, 0.3);
+        let (level, texel, depth, normal) = (0, 1.0, 0.0, Vec3::NEG_Z);
+        let receiver = Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false };
+        let shape = receiver.shape();
+        let [[x0, y0], [x1, y1]] = receiver.texels(shape.reach);
+        let (mut left, mut all) = (0.0, 0.0);
+        for (x, y) in (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))) {
+            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - at).as_vec2());
+            all += weight;
+            left += if x < 0 { weight } else { 0.0 };
+        }
+        left / all
+    }
+
+    #[test]
+    fn a_shadows_edge_has_no_steps_whatever_the_pixels_shape() {
+        let shapes = [
+            [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0)],
+            [Vec2::new(1.3, 0.2), Vec2::new(-0.4, 1.1)],
+            [Vec2::new(0.9, 0.9), Vec2::new(-0.8, 0.8)],
+            [Vec2::new(7.0, 3.0), Vec2::new(-0.2, 0.9)],
+            [Vec2::new(0.6, 0.2), Vec2::new(3.0, 2.0)],
+        ];
+        for sides in shapes {
+            let half = 0.5 * (sides[0].x.abs() + sides[1].x.abs()) as f64;
+            const STEP: f64 = 1.0 / 64.0;
+            let shares: Vec<f32> = (-640..=640).map(|i| left_of_origin(sides, f64::from(i) * STEP)).collect();
+            // No faster than an edge crosses the narrowest pixel there is, a texel wide, twice over.
+            assert!(shares.windows(2).all(|w| (w[0] - w[1]).abs() < 2.0 * STEP as f32), "{sides:?}");
+            let at = |x: f64| shares[((x / STEP).round() + 640.0) as usize];
+            assert!((at(0.0) - 0.5).abs() < 0.15, "{sides:?}: {}", at(0.0));
+            assert!(at(-half - 1.5) == 1.0 && at(half + 1.5) == 0.0, "{sides:?}");
+        }
+    }
+
+    #[test]
+    fn a_pixel_seen_edge_on_from_the_light_still_asks() {
+        for sides in [[Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)], [Vec2::new(0.0, 1e-9), Vec2::new(1.0, 0.0)]] {
+            let share = left_of_origin(sides, 0.0);
+            assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+        }
+    }
+}
