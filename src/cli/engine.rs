@@ -459,7 +459,12 @@ impl Engine for HybridEngine {
     }
 
     #[cfg(feature = "gpu")]
-    fn gpu_frame(&self, gpu: &Gpu, camera: &Camera) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
+    fn gpu_frame_with(
+        &self,
+        gpu: &Gpu,
+        camera: &Camera,
+        frame: FrameArgs,
+    ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
@@ -476,7 +481,7 @@ impl Engine for HybridEngine {
             let _ = self.uploaded.set(uploaded);
         }
         let uploaded = self.uploaded.get().expect("it was just uploaded");
-        let FrameArgs { samples, limit } = self.frame;
+        let FrameArgs { samples, limit } = frame;
         Ok(Box::new(uploaded.frame(&self.model, camera, limit, samples).map_err(refused)?))
     }
 
