@@ -1,5 +1,7 @@
 //! Scenes of scans together with meshes and solids: the GPU against the CPU, boundary by boundary.
 
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -41,6 +43,7 @@ pub const TESTS: &[Test] = &[
     ("hybrid_parts_of_a_picture_are_the_whole", parts_of_a_picture_are_the_whole),
     ("hybrid_leaves_that_move_are_uploaded_anew", leaves_that_move_are_uploaded_anew),
     ("hybrid_what_is_not_drawn_is_refused_by_name", what_is_not_drawn_is_refused_by_name),
+    ("hybrid_the_program_chooses_what_a_gpu_draws", the_program_chooses_what_a_gpu_draws),
     ("hybrid_the_comparison_can_fail", the_comparison_can_fail),
 ];
 
@@ -378,4 +381,30 @@ fn the_comparison_can_fail(gpu: &'static Gpu) {
     let larger = on_gpu(gpu, &of(0.6 + 0.25 * pixel), &camera, LayerLimit::Nearest, 1);
     let compared = compare(&camera, &on_cpu, &larger);
     assert!(compared.off_edges as f64 > ALLOWED * compared.covered as f64, "{compared:?}");
+}
+
+fn the_program_chooses_what_a_gpu_draws(_: &'static Gpu) {
+    let here = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/femoral_head.toml");
+    let render = |name: &str, flags: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_surfcut"));
+        command.current_dir(here.path()).arg("render").arg(&scene).args(["--size", "96x72"]).args(flags);
+        command.args(["-o", &format!("{name}.png"), "--summary-file", &format!("{name}.json")]).output().unwrap()
+    };
+    let summary = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(here.path().join(format!("{name}.json"))).unwrap()).unwrap()
+    };
+    let picture = |name: &str| image::open(here.path().join(format!("{name}.png"))).unwrap().into_rgb8();
+    for (name, flags, pipeline) in [("gpu", ["--backend", "gpu"], "hybrid"), ("cpu", ["--backend", "cpu"], "splat")] {
+        let output = render(name, &flags);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert_eq!(summary(name)["settings"]["pipeline"], pipeline);
+    }
+    let (on_cpu, on_gpu) = (picture("cpu"), picture("gpu"));
+    let differing = on_cpu.pixels().zip(on_gpu.pixels()).filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 2));
+    assert!(differing.count() <= 2);
+    // Samples of solids are not what the GPU draws.
+    let refused = render("splat", &["--backend", "gpu", "--pipeline", "splat"]);
+    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && told.contains("--pipeline hybrid"), "{told}");
 }
