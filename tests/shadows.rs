@@ -166,7 +166,7 @@ fn a_ball_throws_an_ellipse() {
             let is_lit = if on_ball { boundary.normal.as_dvec3().dot(light) > 0.0 } else { !is_behind };
             f64::from(u8::from(is_lit))
         });
-        assert!(found.shadowed > 100, "{drawn_as:?}: {found:?}");
+        assert!(found.shadowed > 50, "{drawn_as:?}: {found:?}");
     }
 }
 
@@ -195,7 +195,7 @@ fn light_falls_through_a_hole() {
             let past = !in_plate(low) && !in_plate(high);
             f64::from(u8::from(through || past))
         });
-        assert!(found.shadowed > 400, "{drawn_as:?}: {found:?}");
+        assert!(found.shadowed > 150, "{drawn_as:?}: {found:?}");
     }
 }
 
@@ -243,7 +243,7 @@ fn who_looks_along_the_light_sees_no_shadow() {
         let lit = lit(&mut loaded, drawn_as);
         assert!(matches!(lit.stack.camera.projection, Projection::Orthographic { .. }));
         let found = difference(&lit, |_, _| 1.0, eye.normalize(), reach(drawn_as));
-        assert!(found.wrong == 0 && found.judged > 3_000, "{drawn_as:?}: {found:?}");
+        assert!(found.wrong == 0 && found.judged > 2_000, "{drawn_as:?}: {found:?}");
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! *Practice.* A tile is drawn by the pipeline that draws the picture, at one sample a texel, and kept as what throws shadows: in
 //! each texel the surfaces from the light on, down to the first opaque one. Nothing is drawn that no pixel asks for. Tiles are kept
-//! for the pixels that come next, and for the next frame, up to [`MOST_KEPT`]; those that were not asked for longest go first, and are
+//! for the pixels that come next, and for the next frame, up to `MOST_KEPT`; those that were not asked for longest go first, and are
 //! drawn again if they are missed. A tile is the same bits whenever it is drawn.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
