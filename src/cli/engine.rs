@@ -12,7 +12,7 @@ use surfcut::csg::{LeafId, TooManyProducts, Tree};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 #[cfg(feature = "gpu")]
-use surfcut::gpu::splat::{GpuSplatError, GpuSplatFrame, GpuSplatModel};
+use surfcut::gpu::splat::{GpuClipping, GpuSplatError, GpuSplatFrame, GpuSplatModel};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::{Gpu, GpuLayerSource};
 use surfcut::hybrid::HybridModel;
@@ -239,9 +239,9 @@ struct SplatEngine {
     products: Option<Vec<Tree>>,
     /// Their models, over the same leaves.
     parts: Option<Vec<(Model, Option<PartnerLists>)>>,
-    /// The model on the GPU that drew last.
+    /// The model on the GPU that drew last, and how it clips.
     #[cfg(feature = "gpu")]
-    uploaded: std::cell::OnceCell<GpuSplatModel>,
+    uploaded: std::cell::OnceCell<(GpuSplatModel, Option<GpuClipping>)>,
 }
 
 impl SplatEngine {
@@ -306,19 +306,19 @@ impl Engine for SplatEngine {
             GpuSplatError::ExactLeaf { .. } => {
                 BackendError::NotThere("scans together with meshes or solids yet".to_owned())
             }
-            GpuSplatError::Settings => {
-                BackendError::NotThere("surfels that are clipped in another way than the default one".to_owned())
-            }
+            GpuSplatError::Settings { flag } => BackendError::NotThere(format!("{flag} yet")),
         };
         if self.uploaded.get().is_none() {
             let uploaded = GpuSplatModel::new(gpu, &self.model).map_err(refused)?;
             // It was empty, and there is but one thread.
-            let _ = self.uploaded.set(uploaded);
+            let clipping = GpuClipping::new(gpu, &self.model, &uploaded, self.settings, self.partners.as_deref())
+                .map_err(refused)?;
+            let _ = self.uploaded.set((uploaded, clipping));
         }
-        let uploaded = self.uploaded.get().expect("it was just uploaded");
+        let (uploaded, clipping) = self.uploaded.get().expect("it was just uploaded");
         let FrameArgs { samples, limit } = self.frame;
-        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, self.settings);
-        Ok(Box::new(frame.map_err(refused)?))
+        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, clipping.as_ref());
+        Ok(Box::new(frame))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

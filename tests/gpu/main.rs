@@ -4,6 +4,7 @@
 mod blister;
 mod composite;
 mod core;
+mod fragment;
 mod splat;
 
 use std::process::ExitCode;
@@ -16,7 +17,7 @@ pub type Test = (&'static str, fn(&'static Gpu));
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
-    let tests: Vec<Test> = [core::TESTS, blister::TESTS, composite::TESTS, splat::TESTS].concat();
+    let tests: Vec<Test> = [core::TESTS, blister::TESTS, composite::TESTS, fragment::TESTS, splat::TESTS].concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {
         Ok(gpu) => Some(Box::leak(Box::new(gpu))),
         Err(error) if std::env::var_os("SURFCUT_NEEDS_GPU").is_some() => {

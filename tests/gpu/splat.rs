@@ -35,53 +35,53 @@ pub const TESTS: &[Test] = &[
 ];
 
 /// Differing pixels that are allowed, as a share of those that either picture covers.
-const ALLOWED: f64 = 1e-3;
+pub(crate) const ALLOWED: f64 = 1e-3;
 
 /// An expression over the leaves a, b, c …, and then aa, ab …
-fn tree(text: &str) -> Tree {
+pub(crate) fn tree(text: &str) -> Tree {
     let leaf = |name: &str| name.bytes().fold(0, |number, letter| number * 26 + u32::from(letter - b'a') + 1) - 1;
     parse(text, &mut |name| Some(LeafId(leaf(name)))).unwrap()
 }
 
-fn sphere(centre: [f64; 3], radius: f64) -> Solid {
+pub(crate) fn sphere(centre: [f64; 3], radius: f64) -> Solid {
     Solid::Sphere { centre: centre.into(), radius }
 }
 
 /// A leaf of nothing but surfels, moved by `shift`.
-fn scan(solid: &Solid, spacing: f64, shift: DVec3) -> LeafField {
+pub(crate) fn scan(solid: &Solid, spacing: f64, shift: DVec3) -> LeafField {
     let cloud = from_solid(solid, DAffine3::from_translation(shift), spacing).unwrap();
     LeafField::new(cloud, None, LeafKind::Solid)
 }
 
-fn looks(count: usize) -> Vec<LeafLook> {
+pub(crate) fn looks(count: usize) -> Vec<LeafLook> {
     let colour = |i: usize| [0.1 + 0.8 * (i % 3) as f32 / 2.0, 0.1 + 0.8 * (i % 5) as f32 / 4.0, 0.5];
     (0..count).map(|i| LeafLook { colour: Some(colour(i)), opacity: 1.0 }).collect()
 }
 
-fn model(text: &str, leaves: &[Solid], spacing: f64) -> Model {
+pub(crate) fn model(text: &str, leaves: &[Solid], spacing: f64) -> Model {
     let fields = leaves.iter().map(|solid| scan(solid, spacing, DVec3::ZERO)).collect();
     Model::new(&tree(text), fields, looks(leaves.len()))
 }
 
 /// Small, since a software adapter takes its time.
-const SIDE: u32 = 96;
+pub(crate) const SIDE: u32 = 96;
 
-fn camera(eye: [f64; 3], target: [f64; 3], fov_y: f64) -> Camera {
+pub(crate) fn camera(eye: [f64; 3], target: [f64; 3], fov_y: f64) -> Camera {
     Camera::look_at(eye.into(), target.into(), DVec3::Z, Lens::FovY(fov_y), SIDE, SIDE).unwrap()
 }
 
-fn whole(camera: &Camera) -> PixelRect {
+pub(crate) fn whole(camera: &Camera) -> PixelRect {
     PixelRect { x0: 0, y0: 0, x1: camera.width, y1: camera.height }
 }
 
 /// What the two pictures come to.
 #[derive(Debug, Clone, Copy, Default)]
-struct Compared {
-    covered: usize,
-    boundaries: usize,
+pub(crate) struct Compared {
+    pub covered: usize,
+    pub boundaries: usize,
     /// Pixels that differ, and those of them without an edge or a silhouette within a pixel.
-    differing: usize,
-    off_edges: usize,
+    pub differing: usize,
+    pub off_edges: usize,
 }
 
 fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
@@ -98,7 +98,7 @@ fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
     kept && colour && depth && turn && opacity
 }
 
-fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
+pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
     let mut compared = Compared::default();
     let rect = cpu.rect;
     let kinds = |x: u32, y: u32| cpu.at(x, y).iter().map(|b| (b.leaf, b.facing));
@@ -131,7 +131,7 @@ fn draw_both(gpu: &Gpu, model: &Model, camera: &Camera, limit: LayerLimit, sampl
     let on_cpu = Frame::new(model, camera.clone(), limit, samples, settings, None).draw(whole(camera));
     let drawn = gpu.checked(|| {
         let uploaded = GpuSplatModel::new(gpu, model).unwrap();
-        let frame = GpuSplatFrame::new(model, &uploaded, camera.clone(), limit, samples, settings).unwrap();
+        let frame = GpuSplatFrame::new(model, &uploaded, camera.clone(), limit, samples, None);
         frame.draw(gpu, whole(camera))?.download(gpu)
     });
     (on_cpu, drawn.unwrap())
@@ -167,7 +167,7 @@ fn several_samples_a_pixel(gpu: &'static Gpu) {
     hold_samples(gpu, &model, &camera([1.0, -5.0, 2.0], [0.2, 0.0, 0.0], 30.0), 4);
 }
 
-fn torus_and_cylinder() -> [Solid; 2] {
+pub(crate) fn torus_and_cylinder() -> [Solid; 2] {
     let torus = Solid::Torus { centre: DVec3::ZERO, axis: DVec3::Z, radius: 1.0, tube: 0.4 };
     let (from, to) = (DVec3::new(1.0, -0.1, -1.0), DVec3::new(0.9, 0.2, 1.0));
     [torus, Solid::Cylinder { from, to, radius: 0.3 }]
@@ -265,7 +265,8 @@ fn an_open_scan_is_asked_by_its_nearest_plane(gpu: &'static Gpu) {
     hold(gpu, &model, &camera([3.0, -4.0, 2.0], [0.0; 3], 30.0));
 }
 
-fn surfels_that_are_ellipses(gpu: &'static Gpu) {
+/// A sphere of ellipses less a sphere of disks.
+pub(crate) fn elliptical_spheres() -> Model {
     let mut fields: Vec<LeafField> = Vec::new();
     for (i, solid) in [sphere([0.0; 3], 1.0), sphere([0.7, -0.5, 0.3], 0.6)].iter().enumerate() {
         let mut cloud = from_solid(solid, DAffine3::IDENTITY, 0.05).unwrap();
@@ -282,16 +283,18 @@ fn surfels_that_are_ellipses(gpu: &'static Gpu) {
         }
         fields.push(LeafField::new(cloud, None, LeafKind::Solid));
     }
-    let model = Model::new(&tree("a - b"), fields, looks(2));
-    hold(gpu, &model, &camera([1.0, -5.0, 2.0], [0.0; 3], 30.0));
+    Model::new(&tree("a - b"), fields, looks(2))
+}
+
+fn surfels_that_are_ellipses(gpu: &'static Gpu) {
+    hold(gpu, &elliptical_spheres(), &camera([1.0, -5.0, 2.0], [0.0; 3], 30.0));
 }
 
 fn parts_of_a_picture_are_the_same_bits(gpu: &'static Gpu) {
     let model = model("a - b", &torus_and_cylinder(), 0.08);
     let camera = camera([2.0, -4.0, 3.0], [0.0; 3], 35.0);
     let uploaded = GpuSplatModel::new(gpu, &model).unwrap();
-    let frame =
-        GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, SplatSettings::default()).unwrap();
+    let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, None);
     let drawn = |rect| gpu.checked(|| frame.draw(gpu, rect)?.download(gpu)).unwrap();
     let all = drawn(whole(&camera));
     for (x0, y0, x1, y1) in [(0, 0, SIDE, SIDE), (3, 5, 70, 37), (32, 32, 64, 64), (57, 43, 58, 44), (0, 0, 8, 8)] {
@@ -303,13 +306,13 @@ fn parts_of_a_picture_are_the_same_bits(gpu: &'static Gpu) {
 }
 
 /// The name of the leaf that [`tree`] gives a number.
-fn name(number: u32) -> String {
+pub(crate) fn name(number: u32) -> String {
     let letter = char::from(b'a' + (number % 26) as u8);
     if number < 26 { letter.to_string() } else { name(number / 26 - 1) + &letter.to_string() }
 }
 
 /// Small squares behind one another, each a sheet.
-fn stack_of_squares(count: u32) -> Model {
+pub(crate) fn stack_of_squares(count: u32) -> Model {
     let square = |i: u32| {
         let point = DVec3::Y * (0.1 * f64::from(i));
         let mut field = scan(&Solid::HalfSpace { point, normal: -DVec3::Y, extent: 0.03 }, 0.03, DVec3::ZERO);
@@ -327,8 +330,7 @@ fn no_fragment_is_lost_where_room_is_short(gpu: &'static Gpu) {
     let rect = PixelRect { x0: middle - 8, y0: middle - 7, x1: middle + 9, y1: middle + 8 };
     let uploaded = GpuSplatModel::new(gpu, &model).unwrap();
     let drawn = |room: Option<u32>| {
-        let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, SplatSettings::default());
-        let frame = frame.unwrap();
+        let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, None);
         let frame = match room {
             Some(room) => frame.with_room(room),
             None => frame,

@@ -11,7 +11,9 @@
 //! each as a pair of `f32` whose sum it is; all that kernels compute is relative to a chunk or to a block's nearest surfel.
 
 mod bins;
+mod clip;
 mod far;
+mod fragment;
 mod frame;
 mod model;
 mod project;
@@ -19,6 +21,7 @@ mod shaders;
 mod tables;
 mod trace;
 
+pub use clip::GpuClipping;
 pub use frame::GpuSplatFrame;
 pub use model::{GpuSplatError, GpuSplatModel};
 pub(super) use shaders::all;

@@ -21,11 +21,12 @@ pub enum GpuSplatError {
         /// Which.
         leaf: LeafId,
     },
-    /// Another way of splatting than the one on surfaces.
-    #[error(
-        "the GPU's surfel pipeline clips surfaces on their curved field alone: use --clip surface --inside curved --unknown resolved"
-    )]
-    Settings,
+    /// A way of clipping that the GPU has not got.
+    #[error("the GPU's surfel pipeline does not draw {flag}")]
+    Settings {
+        /// The flag that asks for it.
+        flag: &'static str,
+    },
     /// The device.
     #[error(transparent)]
     Gpu(#[from] GpuError),

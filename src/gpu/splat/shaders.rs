@@ -1,19 +1,22 @@
 //! The modules of the surfel pipeline.
 
 use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
+use super::fragment::{Footprint, Fragment};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
 use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
-use super::{bins, tables};
+use super::{bins, clip, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
-use crate::splat::{project, rows, surface};
+use crate::splat::{self, ewa, project, rows, surface};
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
-    vec![self::project(), bins::shader(), trace(1), trace(4), merge(), hits()]
+    let mut all = vec![self::project(), bins::shader(), trace(1), trace(4), merge(), hits()];
+    all.extend([(1, 1), (4, 2)].map(|(leaf_words, stack_words)| fragment(leaf_words, stack_words)));
+    all
 }
 
 /// Projects surfels.
@@ -49,7 +52,31 @@ fn owners(shader: Shader) -> Shader {
 
 /// Traces rays, in a scene whose sets of leaves take `leaf_words` words.
 pub(super) fn trace(leaf_words: u32) -> Shader {
-    let shader = Shader::new("splat trace").with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
+    sides(Shader::new("splat trace"), leaf_words)
+        .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
+        .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING)
+        .with_text(include_str!("../../../shaders/splat/field.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+}
+
+/// Lists and clips fragments, in a scene whose sets of leaves take `leaf_words` words and whose paper tree `stack_words`.
+pub(super) fn fragment(leaf_words: u32, stack_words: u32) -> Shader {
+    clip::with_partners(sides(Shader::new("splat fragment"), leaf_words), stack_words)
+        .with_struct::<Footprint>()
+        .with_struct::<Fragment>()
+        .with_constant("BORDER_IN_SIGMAS", ewa::BORDER_IN_SIGMAS)
+        .with_constant("LOW_PASS_PX", ewa::LOW_PASS_PX)
+        .with_constant("REACH_PX", ewa::REACH_PX)
+        .with_constant("MOST_DEPTH_SHARE", ewa::MOST_DEPTH_SHARE)
+        .with_constant("LEAST_PEAK", ewa::LEAST_PEAK)
+        .with_constant("REACHES_OF_A_SURFACE", splat::fragment::REACHES_OF_A_SURFACE)
+        .with_text(include_str!("../../../shaders/splat/ewa.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/fragment.wgsl"))
+}
+
+/// What tells sides, in a scene whose sets of leaves take `leaf_words` words.
+fn sides(shader: Shader, leaf_words: u32) -> Shader {
+    let shader = shader.with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
     tables::with_constants(tables::with_kinds(owners(shader)))
         .with_constant("LEAF_WORDS", leaf_words)
         .with_constant("BLOCK", BLOCK)
@@ -63,8 +90,6 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_constant("LEAST_WEIGHT", rows::LEAST_WEIGHT)
         .with_constant("FARTHEST_SOLVE_IN_RADII", rows::FARTHEST_SOLVE_IN_RADII)
         .with_constant("MOST_STEP_IN_RADII", rows::MOST_STEP_IN_RADII)
-        .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
-        .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING)
         .with_constant("FAR_IN_RADII", winding::FAR as f32)
         .with_constant("RUN_OF_ELEMENTS", winding::LEAF as u32)
         .with_constant("ROWS_A_CLUSTER", ROWS_A_CLUSTER)
@@ -74,7 +99,7 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_text(include_str!("../../../shaders/splat/rows.wgsl"))
         .with_text(include_str!("../../../shaders/splat/far.wgsl"))
         .with_text(include_str!("../../../shaders/splat/residual.wgsl"))
-        .with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/sides.wgsl"))
 }
 
 /// Joins samples.

@@ -1,0 +1,10 @@
+// Surfaces that are clipped on the fields of the leaves, without partners: see src/splat/surface.rs.
+
+fn side(leaf: u32) -> bool {
+    return side_by_field(leaf);
+}
+
+// How the result changes where the ray of the hit meets the edge surfel with view `id`.
+fn edge_crossing(id: u32, tau: f32) -> u32 {
+    return crossing_of(views[id].kind);
+}
