@@ -13,10 +13,6 @@ fn blocks_of(id: u32) -> vec4<u32> {
         return vec4<u32>();
     }
     let b = views[id].bounds;
-    // A ball that misses the picture is not drawn, whatever margin it has.
-    if b.y < 0.0 || b.w < 0.0 || any(vec2<f32>(b.x, b.z) > 2.0 * view.half_size) {
-        return vec4<u32>();
-    }
     let least = (vec2<f32>(b.x, b.z) - view.margin_px) / f32(BLOCK) - vec2<f32>(view.grid.xy);
     let most = (vec2<f32>(b.y, b.w) + view.margin_px) / f32(BLOCK) - vec2<f32>(view.grid.xy);
     // Infinite bounds become the grid's.

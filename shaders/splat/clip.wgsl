@@ -12,6 +12,13 @@ fn clip_leaf(leaf: u32) -> u32 {
     return tables[view.clip + CLIP_LEAVES] + leaf * CLIP_LEAF_STRIDE;
 }
 
+// Whether surfel `index` of `leaf` has a disk.
+fn is_disk(leaf: u32, index: u32) -> bool {
+    let chunk = tables[clip_leaf(leaf)] + index / CHUNK * CLIP_CHUNK_STRIDE;
+    let place = index % CHUNK;
+    return ((tables[chunk + 1u + place / 32u] >> (place % 32u)) & 1u) != 0u;
+}
+
 // The number of the disk of surfel `index` of `leaf`: those before its chunk's, and those before it in its chunk.
 fn disk_of(leaf: u32, index: u32) -> u32 {
     let chunk = tables[clip_leaf(leaf)] + index / CHUNK * CLIP_CHUNK_STRIDE;

@@ -56,7 +56,7 @@ fn border_form(id: u32) -> array<vec4<f32>, 2> {
 @compute @workgroup_size(WORKGROUP)
 fn find_footprints(thread: Thread) {
     let id = thread_number(thread);
-    if id >= view.views || views[id].kind == KIND_UNNEEDED || views[id].kind == KIND_OFF {
+    if id >= view.views || views[id].kind == KIND_UNNEEDED {
         return;
     }
     let border = border_form(id);

@@ -67,7 +67,26 @@ fn list_fragments(ray: Ray, pixel: u32, first: u32, kept: bool) -> u32 {
     return count;
 }
 
-// Lists the fragments of every pixel: as many places as they need, one after the other in the pool.
+// Counts the fragments of every pixel, and gives it as many places as they need, one after the other in the pool.
+@compute @workgroup_size(WORKGROUP)
+fn count_fragments(thread: Thread) {
+    let block = group_number(thread);
+    let px = pixel_of(block, thread.local);
+    if !is_drawn(block, px) {
+        return;
+    }
+    let pixel = number_of(px);
+    let range = range_of(pixel);
+    let count = list_fragments(ray_of(block, px), pixel, 0u, false);
+    let first = atomicAdd(&pixels[GROUPS_NEEDED], count);
+    // Where the pool is too small the count says so, and all is drawn anew.
+    let fits = first <= view.room.x && count <= view.room.x - first;
+    atomicStore(&pixels[range], first);
+    atomicStore(&pixels[range + 1u], select(0u, count, fits));
+    check_loops();
+}
+
+// Writes them there. A kernel of its own, since drivers may end a thread's loops after so many steps.
 @compute @workgroup_size(WORKGROUP)
 fn rasterise(thread: Thread) {
     let block = group_number(thread);
@@ -77,15 +96,8 @@ fn rasterise(thread: Thread) {
     }
     let pixel = number_of(px);
     let range = range_of(pixel);
-    let ray = ray_of(block, px);
-    let count = list_fragments(ray, pixel, 0u, false);
-    let first = atomicAdd(&pixels[GROUPS_NEEDED], count);
-    // Where the pool is too small the count says so, and all is drawn anew.
-    let fits = first <= view.room.x && count <= view.room.x - first;
-    atomicStore(&pixels[range], first);
-    atomicStore(&pixels[range + 1u], select(0u, count, fits));
-    if fits {
-        list_fragments(ray, pixel, first, true);
+    if atomicLoad(&pixels[range + 1u]) > 0u {
+        list_fragments(ray_of(block, px), pixel, atomicLoad(&pixels[range]), true);
     }
     check_loops();
 }
@@ -128,19 +140,26 @@ fn comes_before(a: Fragment, b: Fragment) -> bool {
     return a.id < b.id;
 }
 
-// Puts `item` into the heap of `count` from `first` on, whose place `at` is free.
+// Of two places of the heap of `count` from `first` on, the first one there, that whose fragment comes first.
+fn earlier(first: u32, count: u32, a: u32, b: u32) -> u32 {
+    if b >= count {
+        return a;
+    }
+    return select(a, b, comes_before(fragments[first + b], fragments[first + a]));
+}
+
+// Puts `item` into the heap of `count` from `first` on, whose place `at` is free. Every place has four children: a heap of two is
+// twice as deep, and drivers may end a thread's loops after so many steps.
 fn sift(first: u32, count: u32, at: u32, item: Fragment) {
     var place = at;
     loop {
-        var child = 2u * place + 1u;
+        var child = 4u * place + 1u;
         if child >= count {
             break;
         }
-        if child + 1u < count {
-            if comes_before(fragments[first + child + 1u], fragments[first + child]) {
-                child++;
-            }
-        }
+        let other = earlier(first, count, child + 2u, child + 3u);
+        child = earlier(first, count, child, child + 1u);
+        child = earlier(first, count, child, other);
         if !comes_before(fragments[first + child], item) {
             break;
         }
@@ -272,11 +291,13 @@ fn finish(ray: Ray, pixel: u32, slot: u32) {
     }
 }
 
-// Groups each pixel's fragments, front to back.
-@compute @workgroup_size(WORKGROUP)
+// Groups each pixel's fragments, front to back. A workgroup is a part of a block: all its threads wait for the one with the most
+// fragments, and llvmpipe counts their loops' steps together.
+@compute @workgroup_size(RESOLVED_TOGETHER)
 fn resolve_fragments(thread: Thread) {
-    let block = group_number(thread);
-    let px = pixel_of(block, thread.local);
+    let first_of_group = group_number(thread) * RESOLVED_TOGETHER;
+    let block = first_of_group / (BLOCK * BLOCK);
+    let px = pixel_of(block, first_of_group % (BLOCK * BLOCK) + thread.local);
     if !is_drawn(block, px) {
         return;
     }
@@ -286,7 +307,7 @@ fn resolve_fragments(thread: Thread) {
     let end = first + left;
     atomicStore(&pixels[FIRST_PIXEL + pixel], NONE);
     let ray = ray_of(block, px);
-    for (var i = left / 2u; i > 0u; i--) {
+    for (var i = (left + 2u) / 4u; i > 0u; i--) {
         sift(first, left, i - 1u, fragments[first + i - 1u]);
     }
     var surfaces = 0u;

@@ -306,13 +306,13 @@ impl Engine for SplatEngine {
             GpuSplatError::ExactLeaf { .. } => {
                 BackendError::NotThere("scans together with meshes or solids yet".to_owned())
             }
-            GpuSplatError::Settings { flag } => BackendError::NotThere(format!("{flag} yet")),
         };
         if self.uploaded.get().is_none() {
             let uploaded = GpuSplatModel::new(gpu, &self.model).map_err(refused)?;
             // It was empty, and there is but one thread.
-            let clipping = GpuClipping::new(gpu, &self.model, &uploaded, self.settings, self.partners.as_deref())
-                .map_err(refused)?;
+            let lists = self.partners.as_deref();
+            let clipping =
+                GpuClipping::new(gpu, &self.model, &uploaded, self.settings, lists).map_err(BackendError::Gpu)?;
             let _ = self.uploaded.set((uploaded, clipping));
         }
         let (uploaded, clipping) = self.uploaded.get().expect("it was just uploaded");

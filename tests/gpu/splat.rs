@@ -75,13 +75,15 @@ pub(crate) fn whole(camera: &Camera) -> PixelRect {
 }
 
 /// What the two pictures come to.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Compared {
     pub covered: usize,
     pub boundaries: usize,
     /// Pixels that differ, and those of them without an edge or a silhouette within a pixel.
     pub differing: usize,
     pub off_edges: usize,
+    /// Where those are.
+    pub places: Vec<(u32, u32)>,
 }
 
 fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
@@ -98,6 +100,11 @@ fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
     kept && colour && depth && turn && opacity
 }
 
+pub(crate) fn same_pixel(camera: &Camera, a: &[Boundary], b: &[Boundary]) -> bool {
+    let footprint = |b: &Boundary| camera.footprint(f64::from(b.depth));
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b, footprint(a)))
+}
+
 pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
     let mut compared = Compared::default();
     let rect = cpu.rect;
@@ -107,8 +114,7 @@ pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Comp
             let (a, b) = (cpu.at(x, y), gpu.at(x, y));
             compared.covered += usize::from(!a.is_empty() || !b.is_empty());
             compared.boundaries += a.len();
-            let footprint = |b: &Boundary| camera.footprint(f64::from(b.depth));
-            if a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b, footprint(a))) {
+            if same_pixel(camera, a, b) {
                 continue;
             }
             compared.differing += 1;
@@ -117,6 +123,7 @@ pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Comp
                 near(y, rect.y0, rect.y1).any(|v| near(x, rect.x0, rect.x1).any(|u| !kinds(u, v).eq(kinds(x, y))));
             if !is_edge {
                 compared.off_edges += 1;
+                compared.places.push((x, y));
                 if std::env::var_os("SURFCUT_SHOW_DIFFERENCES").is_some() {
                     eprintln!("({x}, {y})\n  cpu {a:?}\n  gpu {b:?}");
                 }

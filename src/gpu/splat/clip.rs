@@ -13,7 +13,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::model::{GpuSplatError, GpuSplatModel};
+use super::model::GpuSplatModel;
 use crate::classify::partners::{Among, PartnerLists, SurfelId};
 use crate::classify::{Drawn, Model, Wicke};
 use crate::csg::positive::PositiveNode;
@@ -22,7 +22,7 @@ use crate::gpu::shader::Shader;
 use crate::gpu::{Gpu, GpuError};
 use crate::splat::clip::LONGEST_WALK;
 use crate::splat::clip_buffer::takes_part;
-use crate::splat::{Clip, Inside, Partners, SplatSettings, Unknown};
+use crate::splat::{Inside, Partners, SplatSettings, Unknown};
 use crate::surfel::CHUNK;
 
 /// Words of the header: where its parts begin, and how many disks there are.
@@ -73,12 +73,14 @@ pub struct GpuClipping {
     state: u64,
     /// Behind what is far: the disks.
     pub(super) rows: wgpu::Buffer,
-    /// Behind the model's tables: what is asked.
+    /// Behind the model's tables: what is asked; its lists are missing where every frame finds its own.
     pub(super) words: wgpu::Buffer,
     /// The first row of the disks.
     pub(super) disks: u32,
     /// Where in `words` the header is.
     pub(super) clip: u32,
+    /// How many disks there are.
+    pub(super) count: usize,
     /// Words of a stack as deep as the paper tree.
     pub(super) stack_words: u32,
 }
@@ -89,36 +91,25 @@ impl GpuClipping {
     /// were found for the scene as it is.
     ///
     /// # Errors
-    /// [`GpuSplatError::Settings`]; [`GpuError::TooLarge`] where the disks or their lists fit no buffer.
+    /// [`GpuError::TooLarge`] where the disks or their lists fit no buffer.
     pub fn new(
         gpu: &Gpu,
         scene: &Model,
         model: &GpuSplatModel,
         settings: SplatSettings,
         lists: Option<&PartnerLists>,
-    ) -> Result<Option<Self>, GpuSplatError> {
+    ) -> Result<Option<Self>, GpuError> {
         let Some(among) = settings.partners_among() else { return Ok(None) };
-        if settings.partners == Partners::ClipBuffer {
-            return Err(GpuSplatError::Settings { flag: "--partners clip-buffer" });
-        }
-        if settings.clip == Clip::Surface {
-            return Err(GpuSplatError::Settings {
-                flag: "--clip surface with other than --inside curved --unknown resolved",
-            });
-        }
-        let found;
-        let lists = match lists {
-            Some(lists) if lists.serve(scene, among) => lists,
-            _ => {
-                found = PartnerLists::in_space(scene, among);
-                &found
-            }
-        };
         let disks = Disks::of(scene, among);
         let clip = (model.tables.size() / size_of::<u32>() as u64) as u32;
         let paper = (settings.unknown == Unknown::Paper).then(|| PaperTree::from(&scene.tree));
         let mut words = words(scene, &disks, paper.as_ref(), clip);
-        words.extend(disks.lists(lists));
+        if settings.partners == Partners::ObjectSpace {
+            words.extend(match lists {
+                Some(lists) if lists.serve(scene, among) => disks.lists(lists),
+                _ => disks.lists(&PartnerLists::in_space(scene, among)),
+            });
+        }
         let rows = disks.rows(scene, model.origin);
         Ok(Some(Self {
             settings,
@@ -127,6 +118,7 @@ impl GpuClipping {
             words: behind(gpu, "partners", &model.tables, &words)?,
             disks: (model.far.size() / size_of::<[f32; 4]>() as u64) as u32,
             clip,
+            count: disks.count(),
             stack_words: paper.as_ref().map_or(1, stack_words),
         }))
     }
@@ -154,13 +146,21 @@ fn behind<T: bytemuck::Pod>(
     first: &wgpu::Buffer,
     data: &[T],
 ) -> Result<wgpu::Buffer, GpuError> {
-    let added = gpu.upload(label, data)?;
-    let both = gpu.storage::<u8>(label, (first.size() + added.size()) as usize)?;
+    let bytes = size_of_val(data) as u64;
+    joined(gpu, label, &[(first, first.size()), (&gpu.upload(label, data)?, bytes)])
+}
+
+/// A buffer of the first bytes of each of `parts`, one after the other.
+pub(super) fn joined(gpu: &Gpu, label: &str, parts: &[(&wgpu::Buffer, u64)]) -> Result<wgpu::Buffer, GpuError> {
+    let all = gpu.storage::<u8>(label, parts.iter().map(|(_, bytes)| *bytes as usize).sum())?;
     let mut commands = gpu.commands();
-    commands.encoder.copy_buffer_to_buffer(first, 0, &both, 0, first.size());
-    commands.encoder.copy_buffer_to_buffer(&added, 0, &both, first.size(), added.size());
+    let mut at = 0;
+    for (part, bytes) in parts {
+        commands.encoder.copy_buffer_to_buffer(part, 0, &all, at, *bytes);
+        at += bytes;
+    }
     commands.submit();
-    Ok(both)
+    Ok(all)
 }
 
 /// The surfels that may clip or be clipped, numbered.

@@ -10,6 +10,7 @@ use super::shaders;
 use super::trace::{Drawing, Scene};
 use crate::gpu::{Gpu, GpuError};
 use crate::gpu_struct;
+use crate::splat::bins::BLOCK;
 
 gpu_struct! {
     /// A surfel's footprint: the twin of [`crate::splat::ewa::Splat`].
@@ -50,6 +51,12 @@ gpu_struct! {
         pixel: u32,
     }
 }
+
+/// Pixels of a block that one workgroup makes hits of.
+pub(super) const RESOLVED_TOGETHER: u32 = 16;
+
+/// Workgroups of a block.
+const PARTS: usize = (BLOCK * BLOCK / RESOLVED_TOGETHER) as usize;
 
 /// Words of a pixel's range of fragments: the first, and how many.
 pub(super) const RANGE_WORDS: usize = 2;
@@ -95,14 +102,15 @@ pub(super) fn dispatch(drawing: &mut Drawing<'_, '_>, scene: &Scene<'_>, footpri
         let buffers: Vec<_> = all.iter().copied().filter(|(binding, _)| bindings.contains(binding)).collect();
         gpu.bind(kernel, &buffers)
     };
-    let rasterise = kernel("rasterise");
-    drawing.commands.dispatch_groups(&rasterise, &group(&rasterise, &[0, 1, 2, 3, 5, 9, 10]), drawing.blocks);
+    for kernel in ["count_fragments", "rasterise"].map(kernel) {
+        drawing.commands.dispatch_groups(&kernel, &group(&kernel, &[0, 1, 2, 3, 5, 9, 10]), drawing.blocks);
+    }
     // The device alone knows how many fragments there are; threads without one end at once.
     let most = drawing.pool.size() as usize / size_of::<Fragment>();
     let clip = kernel("clip_fragments");
     drawing.commands.dispatch(&clip, &group(&clip, &[0, 1, 2, 5, 6, 7, 10]), most);
     let resolve = kernel("resolve_fragments");
-    drawing.commands.dispatch_groups(&resolve, &group(&resolve, &[0, 1, 2, 3, 5, 6, 7, 8, 10]), drawing.blocks);
+    drawing.commands.dispatch_groups(&resolve, &group(&resolve, &[0, 1, 2, 3, 5, 6, 7, 8, 10]), drawing.blocks * PARTS);
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! One frame of the surfel pipeline on the GPU: a rectangle's boundaries on demand.
 
+use std::sync::OnceLock;
+
 use super::bins::Bins;
 use super::clip::GpuClipping;
+use super::clip_buffer::{ClipBuffer, Part};
 use super::fragment;
 use super::model::GpuSplatModel;
 use super::project::{ChunkView, Chunks, SplatView, SurfelView};
@@ -14,7 +17,7 @@ use crate::space::{Camera, PixelRect};
 use crate::splat::bins::BLOCK;
 use crate::splat::frame::margin_px;
 use crate::splat::project::View;
-use crate::splat::{Clip, SplatSettings};
+use crate::splat::{Clip, Partners, SplatSettings};
 
 /// Groups and hits that a frame has room for at first: what a quarter of a million pixels with four surfaces each take.
 const FIRST_ROOM: u32 = 1 << 20;
@@ -29,6 +32,8 @@ pub struct GpuSplatFrame<'a> {
     samples: u32,
     chunks: Chunks,
     room: Room,
+    /// The words of the clipping with the partners that meet in the picture, once they are found.
+    found: OnceLock<wgpu::Buffer>,
 }
 
 impl<'a> GpuSplatFrame<'a> {
@@ -44,7 +49,16 @@ impl<'a> GpuSplatFrame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let chunks = Chunks::new(scene, &model.parts, &view);
-        Self { model, clipping, camera: view.camera, limit, samples, chunks, room: Room::new(FIRST_ROOM) }
+        Self {
+            model,
+            clipping,
+            camera: view.camera,
+            limit,
+            samples,
+            chunks,
+            room: Room::new(FIRST_ROOM),
+            found: OnceLock::new(),
+        }
     }
 
     /// What it is drawn with.
@@ -59,9 +73,48 @@ impl<'a> GpuSplatFrame<'a> {
         self
     }
 
-    /// The chunks that may touch `rect`, projected.
-    fn project(&self, gpu: &Gpu, of: &mut SplatView, rect: PixelRect) -> Result<Option<wgpu::Buffer>, GpuError> {
-        let (parts, count) = self.chunks.within(rect, of.margin_px);
+    /// What kernels know of the camera and of `rect`.
+    fn view_of(&self, rect: PixelRect) -> SplatView {
+        let mut of = SplatView::new(&self.camera, rect, grid(rect), self.model.origin);
+        of.nearest_only = (self.limit == LayerLimit::Nearest).into();
+        of.leaves = self.model.leaves as u32;
+        of.margin_px = margin_px(self.settings());
+        if let Some(clipping) = self.clipping {
+            of.inside = clipping.inside();
+            of.disks = clipping.disks;
+            of.clip = clipping.clip;
+        }
+        of
+    }
+
+    /// The words that clipping asks, with the lists of partners: for those that meet in the picture, found once a frame.
+    fn words<'f>(&'f self, gpu: &Gpu, clipping: &'f GpuClipping) -> Result<&'f wgpu::Buffer, GpuError> {
+        if clipping.settings().partners == Partners::ObjectSpace {
+            return Ok(&clipping.words);
+        }
+        if let Some(found) = self.found.get() {
+            return Ok(found);
+        }
+        let (leaf_words, stack_words) = (self.model.leaf_words, clipping.stack_words);
+        let part = |rect| {
+            let mut view = self.view_of(rect);
+            let Some(views) = self.project(gpu, &mut view)? else { return Ok(None) };
+            let footprints = fragment::footprints(gpu, &view, &views, (leaf_words, stack_words))?;
+            Ok(Some(Part { view, views, footprints }))
+        };
+        let buffer =
+            ClipBuffer { far: &clipping.rows, tables: &clipping.words, leaf_words, stack_words, disks: clipping.count };
+        let picture = PixelRect { x0: 0, y0: 0, x1: self.camera.width, y1: self.camera.height };
+        let words = buffer.partners(gpu, picture, &part)?;
+        Ok(self.found.get_or_init(|| words))
+    }
+
+    /// The chunks that may touch what `of` tells of, projected.
+    fn project(&self, gpu: &Gpu, of: &mut SplatView) -> Result<Option<wgpu::Buffer>, GpuError> {
+        // A block's surfels are the same whatever part of it is drawn.
+        let [x, y, across, down] = of.grid.map(|blocks| blocks * BLOCK);
+        let blocks = PixelRect { x0: x, y0: y, x1: x + across, y1: y + down };
+        let (parts, count) = self.chunks.within(blocks, of.margin_px);
         if count == 0 {
             return Ok(None);
         }
@@ -91,37 +144,31 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
     }
 
     fn draw(&self, gpu: &Gpu, rect: PixelRect) -> Result<GpuLayers, GpuError> {
-        let grid = grid(rect);
-        let mut of = SplatView::new(&self.camera, rect, grid, self.model.origin);
-        of.nearest_only = (self.limit == LayerLimit::Nearest).into();
-        of.leaves = self.model.leaves as u32;
-        of.margin_px = margin_px(self.settings());
-        if let Some(clipping) = self.clipping {
-            of.inside = clipping.inside();
-            of.disks = clipping.disks;
-            of.clip = clipping.clip;
-        }
-        // A block's surfels are the same whatever part of it is drawn.
-        let [x, y, across, down] = grid.map(|blocks| blocks * BLOCK);
-        let blocks = PixelRect { x0: x, y0: y, x1: x + across, y1: y + down };
-        let Some(views) = self.project(gpu, &mut of, blocks)? else {
+        let mut of = self.view_of(rect);
+        let Some(views) = self.project(gpu, &mut of)? else {
             return GpuLayers::upload(gpu, &crate::layers::LayerTile::empty(rect));
         };
         let bins = Bins::new(gpu, &of, &views)?;
         let leaf_words = self.model.leaf_words;
-        let (mut far, mut tables) = (&self.model.far, &self.model.tables);
-        let mut footprints = None;
-        if let Some(clipping) = self.clipping {
-            (far, tables) = (&clipping.rows, &clipping.words);
-            if clipping.settings().clip == Clip::Fragment {
-                footprints = Some(fragment::footprints(gpu, &of, &views, (leaf_words, clipping.stack_words))?);
-            }
-        }
-        let way = match (&footprints, self.clipping) {
-            (Some(footprints), Some(clipping)) => Way::Fragments { footprints, stack_words: clipping.stack_words },
-            _ => Way::Surfaces,
+        let mut scene = Scene {
+            views: &views,
+            bins: &bins,
+            far: &self.model.far,
+            tables: &self.model.tables,
+            leaf_words,
+            way: Way::Surfaces { stack_words: None },
         };
-        let scene = Scene { views: &views, bins: &bins, far, tables, leaf_words, way };
+        let Some(clipping) = self.clipping else { return scene.trace(gpu, &of, rect, self.samples, &self.room) };
+        let stack_words = clipping.stack_words;
+        (scene.far, scene.tables) = (&clipping.rows, self.words(gpu, clipping)?);
+        let footprints;
+        scene.way = match clipping.settings().clip {
+            Clip::Surface => Way::Surfaces { stack_words: Some(stack_words) },
+            Clip::Fragment => {
+                footprints = fragment::footprints(gpu, &of, &views, (leaf_words, stack_words))?;
+                Way::Fragments { footprints: &footprints, stack_words }
+            }
+        };
         scene.trace(gpu, &of, rect, self.samples, &self.room)
     }
 }

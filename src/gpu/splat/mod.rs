@@ -12,6 +12,7 @@
 
 mod bins;
 mod clip;
+mod clip_buffer;
 mod far;
 mod fragment;
 mod frame;

@@ -21,12 +21,6 @@ pub enum GpuSplatError {
         /// Which.
         leaf: LeafId,
     },
-    /// A way of clipping that the GPU has not got.
-    #[error("the GPU's surfel pipeline does not draw {flag}")]
-    Settings {
-        /// The flag that asks for it.
-        flag: &'static str,
-    },
     /// The device.
     #[error(transparent)]
     Gpu(#[from] GpuError),

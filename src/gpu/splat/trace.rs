@@ -129,8 +129,8 @@ pub(super) struct Scene<'a> {
 /// How hits are found.
 #[derive(Debug)]
 pub(super) enum Way<'a> {
-    /// Surface by surface, clipped on the fields of the leaves.
-    Surfaces,
+    /// Surface by surface, clipped on the fields of the leaves; or by partners, with the words that the paper tree's stack takes.
+    Surfaces { stack_words: Option<u32> },
     /// Fragment by fragment, as in the paper: with the footprints, and the words that the paper tree's stack takes.
     Fragments { footprints: &'a wgpu::Buffer, stack_words: u32 },
 }
@@ -139,7 +139,7 @@ impl Way<'_> {
     /// What the pool is of that pixels share before they have hits.
     fn pool(&self) -> &'static str {
         match self {
-            Self::Surfaces => "groups of fragments",
+            Self::Surfaces { .. } => "groups of fragments",
             Self::Fragments { .. } => "fragments",
         }
     }
@@ -147,7 +147,7 @@ impl Way<'_> {
     /// Bytes of one.
     fn pool_size(&self) -> usize {
         match self {
-            Self::Surfaces => size_of::<Group>(),
+            Self::Surfaces { .. } => size_of::<Group>(),
             Self::Fragments { .. } => size_of::<Fragment>(),
         }
     }
@@ -155,7 +155,7 @@ impl Way<'_> {
     /// Words that a pixel takes.
     fn pixel_words(&self) -> usize {
         match self {
-            Self::Surfaces => 1,
+            Self::Surfaces { .. } => 1,
             Self::Fragments { .. } => 1 + RANGE_WORDS,
         }
     }
@@ -175,11 +175,14 @@ pub(super) struct Drawing<'c, 'g> {
 impl Scene<'_> {
     /// Finds the hits of one sample.
     fn find_hits(&self, drawing: &mut Drawing) {
-        if let Way::Fragments { footprints, stack_words } = self.way {
-            return fragment::dispatch(drawing, self, footprints, stack_words);
-        }
+        let stack_words = match self.way {
+            Way::Surfaces { stack_words } => stack_words,
+            Way::Fragments { footprints, stack_words } => {
+                return fragment::dispatch(drawing, self, footprints, stack_words);
+            }
+        };
         let gpu = drawing.commands.gpu();
-        let trace = gpu.kernel(&shaders::trace(self.leaf_words), "trace");
+        let trace = gpu.kernel(&shaders::trace(self.leaf_words, stack_words), "trace");
         let buffers = [
             (0, drawing.uniform),
             (1, self.views),
