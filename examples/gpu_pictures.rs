@@ -81,7 +81,7 @@ fn row(gpu: &Gpu, path: &Path, side: u32) -> anyhow::Result<Vec<String>> {
     let model = converted.classify().model;
     let uploaded = GpuSplatModel::new(gpu, &model)?;
     let frame = |limit| Frame::new(&model, camera.clone(), limit, 1, settings, None);
-    let on_gpu = |limit| Ok(GpuSplatFrame::new(&model, &uploaded, camera.clone(), limit, 1, settings)?);
+    let on_gpu = |limit| Ok(GpuSplatFrame::new(&model, &uploaded, camera.clone(), limit, 1, None));
     cells(gpu, &loaded, &|limit| LayerStack::collect(&frame(limit)), &on_gpu)
 }
 

@@ -1,12 +1,12 @@
 // The twin of src/splat/clip_buffer.rs: the surfels that cover each cell of a rectangle of the picture, and the partners that meet
 // there. Cells are numbered row by row. A workgroup is a surfel, a thread every so many of the rows that it covers.
 
-// How many surfels cover each cell, or where its next one goes.
+// How many surfels cover each cell, or where its next one goes; behind the sum of all, whether loops were cut short.
 @group(0) @binding(11) var<storage, read_write> cells: array<atomic<u32>>;
 // The surfels of all cells, and where those of each begin.
 @group(0) @binding(12) var<storage, read_write> cell_members: array<u32>;
 @group(0) @binding(13) var<storage, read> cell_starts: array<u32>;
-// How many partners each disk has, or where its next one goes.
+// How many partners each disk has, or where its next one goes; behind the sum of all, whether loops were cut short.
 @group(0) @binding(14) var<storage, read_write> counts_of_disks: array<atomic<u32>>;
 @group(0) @binding(15) var<storage, read_write> found: array<u32>;
 
@@ -62,6 +62,12 @@ fn takes_part(id: u32) -> bool {
     return id < view.views && views[id].kind != KIND_UNNEEDED && is_disk(leaf_of(id), views[id].index);
 }
 
+fn check_cells() {
+    if are_loops_cut(view.has_supports) {
+        atomicStore(&cells[cell_at(view.rect.z - 1u, view.rect.w - 1u) + 2u], 1u);
+    }
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn count_cells(thread: Thread) {
     let id = group_number(thread);
@@ -75,6 +81,7 @@ fn count_cells(thread: Thread) {
             atomicAdd(&cells[cell_at(column, row)], 1u);
         }
     }
+    check_cells();
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -90,6 +97,7 @@ fn fill_cells(thread: Thread) {
             cell_members[atomicAdd(&cells[cell_at(column, row)], 1u)] = id;
         }
     }
+    check_cells();
 }
 
 // Whether an edge surfel accepts another as a partner, distance apart.
@@ -140,6 +148,9 @@ fn meet_partners(id: u32, local: u32, kept: bool) {
                 }
             }
         }
+    }
+    if are_loops_cut(view.has_supports) {
+        atomicStore(&counts_of_disks[tables[view.clip + CLIP_DISKS] + 1u], 1u);
     }
 }
 

@@ -130,14 +130,9 @@ fn ray_of(block: u32, px: vec2<u32>) -> Ray {
     return ray;
 }
 
-// Says so where this thread's loops were cut short, at its end: a driver that ends loops after so many steps leaves them without
-// a word, and then these steps are too many as well.
+// Says so where this thread's loops were cut short, at its end.
 fn check_loops() {
-    var step = 0u;
-    while step < 2u + view.has_supports {
-        step++;
-    }
-    if step < 2u {
+    if are_loops_cut(view.has_supports) {
         atomicStore(&pixels[UNFINISHED], 1u);
     }
 }

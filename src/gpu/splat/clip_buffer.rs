@@ -43,7 +43,8 @@ impl ClipBuffer<'_> {
     /// hold any surfel: where each list begins and the last ends, and the numbers of disks.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where all pairs that meet in a row of cells fit no buffer; [`GpuError::Lost`].
+    /// [`GpuError::TooLarge`] where all pairs that meet in a row of cells fit no buffer; [`GpuError::CutShort`] where the driver ends
+    /// loops early; [`GpuError::Lost`].
     pub fn partners(
         &self,
         gpu: &Gpu,
@@ -52,7 +53,7 @@ impl ClipBuffer<'_> {
     ) -> Result<wgpu::Buffer, GpuError> {
         let shader = shaders::clip_buffer(self.leaf_words, self.stack_words);
         let [count, fill] = ["count_partners", "fill_partners"].map(|entry| gpu.kernel(&shader, entry));
-        let starts = gpu.storage::<u32>("lists of partners", self.disks + 1)?;
+        let counts = gpu.storage::<u32>("partners of disks", self.disks + 2)?;
         // Who only counts writes no partners, but shares the code of who does.
         let none = gpu.storage::<u32>("partners", 0)?;
         // Step 1: how many each has. What fails for want of room does so before anything is counted.
@@ -62,7 +63,7 @@ impl ClipBuffer<'_> {
             let cells = self.cells(gpu, &part)?;
             let uniform = gpu.uniform("splat view", &part.view);
             let mut commands = gpu.commands();
-            let group = gpu.bind(&count, &self.bindings(&part, &uniform, &cells, &starts, &none));
+            let group = gpu.bind(&count, &self.bindings(&part, &uniform, &cells, &counts, &none));
             commands.dispatch_groups(&count, &group, part.view.views as usize);
             commands.submit();
             if rect == picture {
@@ -70,17 +71,16 @@ impl ClipBuffer<'_> {
             }
             Ok(())
         })?;
+        let total = sum(gpu, &counts, self.disks)?;
+        let starts = gpu.storage::<u32>("lists of partners", self.disks + 1)?;
         let mut commands = gpu.commands();
-        scan::exclusive(gpu, &mut commands, &starts, self.disks + 1)?;
-        let next = gpu.storage::<u32>("next partners", self.disks + 1)?;
-        commands.encoder.copy_buffer_to_buffer(&starts, 0, &next, 0, starts.size());
+        commands.encoder.copy_buffer_to_buffer(&counts, 0, &starts, 0, starts.size());
         commands.submit();
-        let total = gpu.download_from::<u32>(&starts, 4 * self.disks as u64, 1)?[0] as usize;
         // Step 2: who they are.
         let found = gpu.storage::<u32>("partners", total)?;
         let fill_part = |part: &Part, cells: &Cells| {
             let uniform = gpu.uniform("splat view", &part.view);
-            let buffers = self.bindings(part, &uniform, cells, &next, &found);
+            let buffers = self.bindings(part, &uniform, cells, &counts, &found);
             let mut commands = gpu.commands();
             commands.dispatch_groups(&fill, &gpu.bind(&fill, &buffers), part.view.views as usize);
             commands.submit();
@@ -124,19 +124,17 @@ impl ClipBuffer<'_> {
         let cells = ((x1 - x0) * (y1 - y0)) as usize;
         let surfels = part.view.views as usize;
         let uniform = gpu.uniform("splat view", &part.view);
-        let starts = gpu.storage::<u32>("cells", cells + 1)?;
-        let next = gpu.storage::<u32>("next surfels of cells", cells + 1)?;
+        let counts = gpu.storage::<u32>("surfels of cells", cells + 2)?;
+        let mut buffers = vec![(0, &uniform), (1, &part.views), (7, self.tables), (9, &part.footprints), (11, &counts)];
         let mut commands = gpu.commands();
-        let mut buffers = vec![(0, &uniform), (1, &part.views), (7, self.tables), (9, &part.footprints), (11, &starts)];
         commands.dispatch_groups(&count, &gpu.bind(&count, &buffers), surfels);
-        scan::exclusive(gpu, &mut commands, &starts, cells + 1)?;
-        commands.encoder.copy_buffer_to_buffer(&starts, 0, &next, 0, starts.size());
         commands.submit();
-        let total = gpu.download_from::<u32>(&starts, 4 * cells as u64, 1)?[0] as usize;
+        let total = sum(gpu, &counts, cells)?;
         let members = gpu.storage::<u32>("surfels of cells", total)?;
-        buffers.pop();
-        buffers.extend([(11, &next), (12, &members)]);
+        let starts = gpu.storage::<u32>("cells", cells + 1)?;
+        buffers.push((12, &members));
         let mut commands = gpu.commands();
+        commands.encoder.copy_buffer_to_buffer(&counts, 0, &starts, 0, starts.size());
         commands.dispatch_groups(&fill, &gpu.bind(&fill, &buffers), surfels);
         commands.submit();
         Ok(Cells { starts, members })
@@ -146,15 +144,14 @@ impl ClipBuffer<'_> {
     fn distinct(&self, gpu: &Gpu, starts: &wgpu::Buffer, found: &wgpu::Buffer) -> Result<wgpu::Buffer, GpuError> {
         let sort = gpu.kernel(&bins::shader(), "bin_sort");
         let [count, keep] = ["count_distinct", "keep_distinct"].map(|entry| gpu.kernel(&shaders::partners(), entry));
-        let kept = gpu.storage::<u32>("lists of partners", self.disks + 1)?;
+        let kept = gpu.storage::<u32>("lists of partners", self.disks + 2)?;
         let mut commands = gpu.commands();
         let buffers = [(3, found), (4, starts)];
         commands.dispatch_groups(&sort, &gpu.bind(&sort, &buffers), self.disks);
         let buffers = [(0, starts), (1, found), (2, &kept)];
         commands.dispatch(&count, &gpu.bind(&count, &buffers), self.disks);
-        scan::exclusive(gpu, &mut commands, &kept, self.disks + 1)?;
         commands.submit();
-        let total = gpu.download_from::<u32>(&kept, 4 * self.disks as u64, 1)?[0] as usize;
+        let total = sum(gpu, &kept, self.disks)?;
         let partners = gpu.storage::<u32>("partners", total)?;
         let mut commands = gpu.commands();
         let buffers = [(0, starts), (1, found), (2, &kept), (3, &partners)];
@@ -164,4 +161,17 @@ impl ClipBuffer<'_> {
         let lists = [(&kept, bytes(self.disks + 1)), (&partners, bytes(total))];
         joined(gpu, "partners", &[&[(self.tables, self.tables.size())], &lists[..]].concat())
     }
+}
+
+/// Replaces each of the first `lists` counts by the sum of those before it, and the zero behind them by the sum of all, which is
+/// given back. The word behind that says whether the loops of who counted were cut short.
+///
+/// # Errors
+/// [`GpuError::CutShort`] where they were; [`GpuError::Lost`].
+fn sum(gpu: &Gpu, counts: &wgpu::Buffer, lists: usize) -> Result<usize, GpuError> {
+    let mut commands = gpu.commands();
+    scan::exclusive(gpu, &mut commands, counts, lists + 1)?;
+    commands.submit();
+    let [total, cut] = gpu.download_from::<u32>(counts, 4 * lists as u64, 2)?[..] else { return Ok(0) };
+    if cut != 0 { Err(GpuError::CutShort) } else { Ok(total as usize) }
 }
