@@ -282,12 +282,12 @@ fn words(model: &Model, disks: &Disks, paper: Option<&PaperTree>, base: u32) -> 
     for literal in model.tree.literals() {
         uses[literal.leaf.0 as usize][usize::from(literal.negated)] = true;
     }
-    for leaf in 0..leaves {
+    for (leaf, used) in uses.iter().enumerate() {
         let mut of_leaf = [0; LEAF_STRIDE];
         of_leaf[0] = end(&words);
         of_leaf[1] = disks.starts[leaf];
         of_leaf[2] = disks.starts[leaf + 1];
-        of_leaf[3] = u32::from(uses[leaf] == [false, true]);
+        of_leaf[3] = u32::from(*used == [false, true]);
         chunks(&disks.by_leaf[leaf], disks.starts[leaf], model.fields[leaf].cloud.chunks.len(), &mut words);
         of_leaf[4] = end(&words);
         let occurrences = paper
