@@ -14,3 +14,13 @@ fn group_number(thread: Thread) -> u32 {
 fn thread_number(thread: Thread) -> u32 {
     return group_number(thread) * WORKGROUP + thread.local;
 }
+
+// Whether this thread's loops were cut short, asked at its end: a driver that ends loops after so many steps leaves them without a
+// word, and then these steps are too many as well. `none` is a 0 that the driver does not know of.
+fn are_loops_cut(none: u32) -> bool {
+    var step = 0u;
+    while step < 2u + none {
+        step++;
+    }
+    return step < 2u;
+}

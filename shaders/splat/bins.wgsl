@@ -13,8 +13,8 @@ fn blocks_of(id: u32) -> vec4<u32> {
         return vec4<u32>();
     }
     let b = views[id].bounds;
-    let least = vec2<f32>(b.x, b.z) / f32(BLOCK) - vec2<f32>(view.grid.xy);
-    let most = vec2<f32>(b.y, b.w) / f32(BLOCK) - vec2<f32>(view.grid.xy);
+    let least = (vec2<f32>(b.x, b.z) - view.margin_px) / f32(BLOCK) - vec2<f32>(view.grid.xy);
+    let most = (vec2<f32>(b.y, b.w) + view.margin_px) / f32(BLOCK) - vec2<f32>(view.grid.xy);
     // Infinite bounds become the grid's.
     let size = vec2<f32>(view.grid.zw);
     let first = vec2<u32>(clamp(floor(least), vec2<f32>(), size));

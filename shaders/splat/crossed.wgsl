@@ -208,7 +208,7 @@ fn resolve_peel(ray: Ray, pixel: u32, first: u32, end: u32, has_sheet: bool) -> 
     hit_ray = ray;
     hit_t = from_anchor(ray, crossing_depth(first));
     own_leaf = NONE;
-    forget_answers();
+    forget_sides();
     loop {
         decide_peel(first, end, has_sheet);
         if missing == NONE {
@@ -262,8 +262,7 @@ fn trace_crossed(thread: Thread) {
         return;
     }
     newest = NONE;
-    find_lists(block);
-    let ray = ray_through(px, block);
+    let ray = ray_of(block, px);
     for (var word = 0u; word < LEAF_WORDS; word++) {
         behind[word] = begins_word(pixel, word);
     }
@@ -294,5 +293,5 @@ fn trace_crossed(thread: Thread) {
             hidden_from = min(hidden_from, resolve_peel(ray, pixel, first, next, has_sheet));
         }
     }
-    note_unfinished();
+    check_loops();
 }

@@ -16,6 +16,22 @@ fn turned(a: vec4<f32>, b: vec2<f32>, turn: mat3x3<f32>) -> array<vec4<f32>, 2> 
     return array<vec4<f32>, 2>(vec4<f32>(t[0].x, t[1].x, t[2].x, t[1].y), vec4<f32>(t[2].y, t[2].z, 0.0, 0.0));
 }
 
+// Whether a ball in view space certainly misses the picture: the twin of `View::bounds`.
+fn is_off_picture(centre: vec3<f32>, radius: f32) -> bool {
+    var middle = centre.xy * view.focal_px;
+    var half = vec2<f32>(radius * view.focal_px);
+    if view.is_perspective != 0u {
+        if centre.z <= radius {
+            return false;
+        }
+        // The planes through the eye that touch the ball.
+        let square = (centre.z - radius) * (centre.z + radius);
+        middle *= centre.z / square;
+        half *= sqrt(centre.xy * centre.xy + square) / square;
+    }
+    return any(middle + half < -view.half_size) || any(middle - half > view.half_size);
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn project(thread: Thread) {
     if group_number(thread) >= arrayLength(&chunks) {
@@ -90,8 +106,8 @@ fn project(thread: Thread) {
     let rounding = BOUNDS_ROUNDING_PX + F32_ROUNDING * (abs(x) + abs(y) + half);
     half += rounding;
     out.bounds = vec4<f32>(x - half, x + half, y - half, y + half);
-    // Wholly behind the eye.
-    if centre.z + radius <= 0.0 {
+    // Wholly behind the eye, or off the picture, whatever margin it is drawn with.
+    if centre.z + radius <= 0.0 || is_off_picture(centre, radius) {
         out.kind = KIND_UNNEEDED;
     }
 

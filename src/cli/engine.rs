@@ -14,7 +14,7 @@ use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::hybrid::{GpuHybridError, GpuHybridModel};
 #[cfg(feature = "gpu")]
-use surfcut::gpu::splat::{GpuSplatError, GpuSplatFrame, GpuSplatModel};
+use surfcut::gpu::splat::{GpuClipping, GpuSplatError, GpuSplatFrame, GpuSplatModel};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::{Gpu, GpuLayerSource};
 use surfcut::hybrid::HybridModel;
@@ -256,9 +256,9 @@ struct SplatEngine {
     products: Option<Vec<Tree>>,
     /// Their models, over the same leaves.
     parts: Option<Vec<(Model, Option<PartnerLists>)>>,
-    /// The model on the GPU that drew last.
+    /// The model on the GPU that drew last, and how it clips.
     #[cfg(feature = "gpu")]
-    uploaded: std::cell::OnceCell<GpuSplatModel>,
+    uploaded: std::cell::OnceCell<(GpuSplatModel, Option<GpuClipping>)>,
 }
 
 impl SplatEngine {
@@ -332,18 +332,18 @@ impl Engine for SplatEngine {
             GpuSplatError::ExactLeaf { .. } => BackendError::NotThere(
                 "meshes or solids with --pipeline splat (with --pipeline hybrid it does)".to_owned(),
             ),
-            GpuSplatError::Settings => {
-                BackendError::NotThere("surfels that are clipped in another way than the default one".to_owned())
-            }
         };
         if self.uploaded.get().is_none() {
             let uploaded = GpuSplatModel::new(gpu, &self.model).map_err(refused)?;
             // It was empty, and there is but one thread.
-            let _ = self.uploaded.set(uploaded);
+            let lists = self.partners.as_deref();
+            let clipping =
+                GpuClipping::new(gpu, &self.model, &uploaded, self.settings, lists).map_err(BackendError::Gpu)?;
+            let _ = self.uploaded.set((uploaded, clipping));
         }
-        let uploaded = self.uploaded.get().expect("it was just uploaded");
+        let (uploaded, clipping) = self.uploaded.get().expect("it was just uploaded");
         let FrameArgs { samples, limit } = frame;
-        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, self.settings);
+        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, clipping.as_ref());
         Ok(Box::new(frame.map_err(refused)?))
     }
 

@@ -127,6 +127,18 @@ impl PaperTree {
         !on
     }
 
+    /// The nodes in post-order, each with its operator (the root's is its own) and where its subtree begins.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = (PositiveNode, u32, u32)> + '_ {
+        (0..self.nodes.len()).map(|i| (self.nodes[i], self.parents[i], self.starts[i]))
+    }
+
+    /// The node of an occurrence.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn node_of(&self, occurrence: usize) -> u32 {
+        self.occurrences[occurrence]
+    }
+
     fn is_root(&self, node: usize) -> bool {
         node + 1 == self.nodes.len()
     }

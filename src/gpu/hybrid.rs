@@ -20,7 +20,6 @@ use crate::csg::LeafId;
 use crate::hybrid::HybridModel;
 use crate::layers::LayerLimit;
 use crate::space::Camera;
-use crate::splat::SplatSettings;
 
 /// Why the GPU does not draw a scene of several representations.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -77,8 +76,7 @@ impl GpuHybridModel {
     ) -> Result<GpuSplatFrame<'a>, GpuHybridError> {
         let surfels = model.surfels();
         let Some(exact) = model.exact() else {
-            let settings = SplatSettings::default();
-            return Ok(GpuSplatFrame::new(surfels, &self.surfels, camera.clone(), limit, samples, settings)?);
+            return Ok(GpuSplatFrame::new(surfels, &self.surfels, camera.clone(), limit, samples, None)?);
         };
         let meshes = MeshFrame::new(exact, camera.clone(), LayerLimit::All, samples);
         let meshes = GpuMeshFrame::new(meshes, Classifier::List).with_length(Rc::clone(&self.list_length));

@@ -36,7 +36,7 @@ use crate::scene::LeafKind;
 
 /// Partners of one leaf above which its search structure is asked at the point instead: a search costs about as much as
 /// walking a list of this length.
-const LONGEST_WALK: usize = 96;
+pub(crate) const LONGEST_WALK: usize = 96;
 
 impl SplatSettings {
     /// Whose partners a frame with these settings asks for; `None` where it asks for none, since clipping surfaces on the

@@ -44,20 +44,20 @@ use crate::space::{PixelRect, Projection};
 use crate::surfel::Sym3;
 
 /// A surfel's radius in standard deviations of its Gaussian.
-const BORDER_IN_SIGMAS: f32 = 1.4;
+pub(crate) const BORDER_IN_SIGMAS: f32 = 1.4;
 
 /// Standard deviation of the low-pass, pixels.
-const LOW_PASS_PX: f32 = 0.7;
+pub(crate) const LOW_PASS_PX: f32 = 0.7;
 
 /// How far from its centre the low-pass falls under a weight of 0.02, pixels: `LOW_PASS_PX` · √(−2 ln 0.02).
 pub const REACH_PX: f32 = 1.958;
 
 /// A disk whose depth differs from its centre's by more than this share of the centre's depth is drawn without a
 /// projection: k would vary by more than a factor of three over it.
-const MOST_DEPTH_SHARE: f32 = 0.5;
+pub(crate) const MOST_DEPTH_SHARE: f32 = 0.5;
 
 /// The peak of a disk that is seen exactly edge-on: it has no area, but where it is alone it is still seen.
-const LEAST_PEAK: f32 = 1e-6;
+pub(crate) const LEAST_PEAK: f32 = 1e-6;
 
 /// A quadratic form in pixels: xx, xy, yy.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -30,7 +30,7 @@ use crate::scene::LeafKind;
 
 /// A surface's fragments at one pixel lie within this many reaches of each other: the centres are at most a drawn radius ρ
 /// from the pixel on either side, so their depths differ by at most 2 ρ tan θ, and a reach is at least ½ ρ tan θ.
-const REACHES_OF_A_SURFACE: f32 = 4.0;
+pub(crate) const REACHES_OF_A_SURFACE: f32 = 4.0;
 
 /// A fragment in its pixel's list.
 #[derive(Debug, Clone, Copy)]

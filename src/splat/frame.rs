@@ -578,7 +578,7 @@ fn trace_block<S: Simd>(
 }
 
 /// How far outside of its ball a surfel is drawn, pixels.
-fn margin_px(settings: SplatSettings) -> f32 {
+pub(crate) fn margin_px(settings: SplatSettings) -> f32 {
     // The clip buffer uses the fragments' footprints.
     let flat = settings.clip == Clip::Fragment
         || (settings.partners == Partners::ClipBuffer && settings.partners_among().is_some());

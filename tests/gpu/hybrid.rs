@@ -18,7 +18,6 @@ use surfcut::hybrid::{HybridModel, exact_model};
 use surfcut::layers::{LayerLimit, LayerSource, LayerTile};
 use surfcut::scene::LeafKind;
 use surfcut::space::{Camera, Lens, Motion, PixelRect};
-use surfcut::splat::SplatSettings;
 use surfcut::surfel::SurfelCloud;
 
 use crate::Test;
@@ -367,8 +366,7 @@ fn what_is_not_drawn_is_refused_by_name(gpu: &'static Gpu) {
     // An exact leaf that nobody finds.
     let model = self::model("a - b", &[ball(), leaf(Own, drill())]);
     let uploaded = GpuSplatModel::new(gpu, model.surfels()).unwrap();
-    let settings = SplatSettings::default();
-    let frame = GpuSplatFrame::new(model.surfels(), &uploaded, aside(), LayerLimit::All, 1, settings);
+    let frame = GpuSplatFrame::new(model.surfels(), &uploaded, aside(), LayerLimit::All, 1, None);
     assert_eq!(frame.err(), Some(GpuSplatError::ExactLeaf { leaf: LeafId(1) }));
 }
 

@@ -58,13 +58,13 @@ pub(crate) fn looks(count: usize) -> Vec<LeafLook> {
     (0..count).map(|i| LeafLook { colour: Some(colour(i)), opacity: 1.0 }).collect()
 }
 
-fn model(text: &str, leaves: &[Solid], spacing: f64) -> Model {
+pub(crate) fn model(text: &str, leaves: &[Solid], spacing: f64) -> Model {
     let fields = leaves.iter().map(|solid| scan(solid, spacing, DVec3::ZERO)).collect();
     Model::new(&tree(text), fields, looks(leaves.len()))
 }
 
 /// Small, since a software adapter takes its time.
-const SIDE: u32 = 96;
+pub(crate) const SIDE: u32 = 96;
 
 pub(crate) fn camera(eye: [f64; 3], target: [f64; 3], fov_y: f64) -> Camera {
     Camera::look_at(eye.into(), target.into(), DVec3::Z, Lens::FovY(fov_y), SIDE, SIDE).unwrap()
@@ -75,13 +75,15 @@ pub(crate) fn whole(camera: &Camera) -> PixelRect {
 }
 
 /// What the two pictures come to.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Compared {
     pub covered: usize,
-    boundaries: usize,
+    pub boundaries: usize,
     /// Pixels that differ, and those of them without an edge or a silhouette within a pixel.
     pub differing: usize,
     pub off_edges: usize,
+    /// Where those are.
+    pub places: Vec<(u32, u32)>,
 }
 
 fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
@@ -98,6 +100,11 @@ fn same(a: &Boundary, b: &Boundary, footprint: f64) -> bool {
     kept && colour && depth && turn && opacity
 }
 
+pub(crate) fn same_pixel(camera: &Camera, a: &[Boundary], b: &[Boundary]) -> bool {
+    let footprint = |b: &Boundary| camera.footprint(f64::from(b.depth));
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b, footprint(a)))
+}
+
 pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Compared {
     let mut compared = Compared::default();
     let rect = cpu.rect;
@@ -107,8 +114,7 @@ pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Comp
             let (a, b) = (cpu.at(x, y), gpu.at(x, y));
             compared.covered += usize::from(!a.is_empty() || !b.is_empty());
             compared.boundaries += a.len();
-            let footprint = |b: &Boundary| camera.footprint(f64::from(b.depth));
-            if a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b, footprint(a))) {
+            if same_pixel(camera, a, b) {
                 continue;
             }
             compared.differing += 1;
@@ -117,6 +123,7 @@ pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Comp
                 near(y, rect.y0, rect.y1).any(|v| near(x, rect.x0, rect.x1).any(|u| !kinds(u, v).eq(kinds(x, y))));
             if !is_edge {
                 compared.off_edges += 1;
+                compared.places.push((x, y));
                 if std::env::var_os("SURFCUT_SHOW_DIFFERENCES").is_some() {
                     eprintln!("({x}, {y})\n  cpu {a:?}\n  gpu {b:?}");
                 }
@@ -131,7 +138,7 @@ fn draw_both(gpu: &Gpu, model: &Model, camera: &Camera, limit: LayerLimit, sampl
     let on_cpu = Frame::new(model, camera.clone(), limit, samples, settings, None).draw(whole(camera));
     let drawn = gpu.checked(|| {
         let uploaded = GpuSplatModel::new(gpu, model).unwrap();
-        let frame = GpuSplatFrame::new(model, &uploaded, camera.clone(), limit, samples, settings).unwrap();
+        let frame = GpuSplatFrame::new(model, &uploaded, camera.clone(), limit, samples, None).unwrap();
         frame.draw(gpu, whole(camera))?.download(gpu)
     });
     (on_cpu, drawn.unwrap())
@@ -167,7 +174,7 @@ fn several_samples_a_pixel(gpu: &'static Gpu) {
     hold_samples(gpu, &model, &camera([1.0, -5.0, 2.0], [0.2, 0.0, 0.0], 30.0), 4);
 }
 
-fn torus_and_cylinder() -> [Solid; 2] {
+pub(crate) fn torus_and_cylinder() -> [Solid; 2] {
     let torus = Solid::Torus { centre: DVec3::ZERO, axis: DVec3::Z, radius: 1.0, tube: 0.4 };
     let (from, to) = (DVec3::new(1.0, -0.1, -1.0), DVec3::new(0.9, 0.2, 1.0));
     [torus, Solid::Cylinder { from, to, radius: 0.3 }]
@@ -265,7 +272,8 @@ fn an_open_scan_is_asked_by_its_nearest_plane(gpu: &'static Gpu) {
     hold(gpu, &model, &camera([3.0, -4.0, 2.0], [0.0; 3], 30.0));
 }
 
-fn surfels_that_are_ellipses(gpu: &'static Gpu) {
+/// A sphere of ellipses less a sphere of disks.
+pub(crate) fn elliptical_spheres() -> Model {
     let mut fields: Vec<LeafField> = Vec::new();
     for (i, solid) in [sphere([0.0; 3], 1.0), sphere([0.7, -0.5, 0.3], 0.6)].iter().enumerate() {
         let mut cloud = from_solid(solid, DAffine3::IDENTITY, 0.05).unwrap();
@@ -282,16 +290,18 @@ fn surfels_that_are_ellipses(gpu: &'static Gpu) {
         }
         fields.push(LeafField::new(cloud, None, LeafKind::Solid));
     }
-    let model = Model::new(&tree("a - b"), fields, looks(2));
-    hold(gpu, &model, &camera([1.0, -5.0, 2.0], [0.0; 3], 30.0));
+    Model::new(&tree("a - b"), fields, looks(2))
+}
+
+fn surfels_that_are_ellipses(gpu: &'static Gpu) {
+    hold(gpu, &elliptical_spheres(), &camera([1.0, -5.0, 2.0], [0.0; 3], 30.0));
 }
 
 fn parts_of_a_picture_are_the_same_bits(gpu: &'static Gpu) {
     let model = model("a - b", &torus_and_cylinder(), 0.08);
     let camera = camera([2.0, -4.0, 3.0], [0.0; 3], 35.0);
     let uploaded = GpuSplatModel::new(gpu, &model).unwrap();
-    let frame =
-        GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, SplatSettings::default()).unwrap();
+    let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, None).unwrap();
     let drawn = |rect| gpu.checked(|| frame.draw(gpu, rect)?.download(gpu)).unwrap();
     let all = drawn(whole(&camera));
     for (x0, y0, x1, y1) in [(0, 0, SIDE, SIDE), (3, 5, 70, 37), (32, 32, 64, 64), (57, 43, 58, 44), (0, 0, 8, 8)] {
@@ -309,7 +319,7 @@ pub(crate) fn name(number: u32) -> String {
 }
 
 /// Small squares behind one another, each a sheet.
-fn stack_of_squares(count: u32) -> Model {
+pub(crate) fn stack_of_squares(count: u32) -> Model {
     let square = |i: u32| {
         let point = DVec3::Y * (0.1 * f64::from(i));
         let mut field = scan(&Solid::HalfSpace { point, normal: -DVec3::Y, extent: 0.03 }, 0.03, DVec3::ZERO);
@@ -327,8 +337,7 @@ fn no_fragment_is_lost_where_room_is_short(gpu: &'static Gpu) {
     let rect = PixelRect { x0: middle - 8, y0: middle - 7, x1: middle + 9, y1: middle + 8 };
     let uploaded = GpuSplatModel::new(gpu, &model).unwrap();
     let drawn = |room: Option<u32>| {
-        let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, SplatSettings::default());
-        let frame = frame.unwrap();
+        let frame = GpuSplatFrame::new(&model, &uploaded, camera.clone(), LayerLimit::All, 1, None).unwrap();
         let frame = match room {
             Some(room) => frame.with_room(room),
             None => frame,

@@ -1,10 +1,15 @@
 //! One frame of the surfel pipeline on the GPU: a rectangle's boundaries on demand.
 
+use std::sync::OnceLock;
+
 use super::bins::Bins;
+use super::clip::GpuClipping;
+use super::clip_buffer::{ClipBuffer, Part};
+use super::fragment;
 use super::model::{GpuSplatError, GpuSplatModel};
 use super::project::{ChunkView, Chunks, SplatView, SurfelView};
 use super::shaders;
-use super::trace::{Room, Scene, grid};
+use super::trace::{Room, Scene, Way, grid};
 use crate::classify::Model;
 use crate::csg::LeafId;
 use crate::gpu::crossings::GpuCrossingSource;
@@ -12,44 +17,46 @@ use crate::gpu::{Gpu, GpuError, GpuLayerSource, GpuLayers};
 use crate::layers::LayerLimit;
 use crate::space::{Camera, PixelRect};
 use crate::splat::bins::BLOCK;
+use crate::splat::frame::margin_px;
 use crate::splat::project::View;
-use crate::splat::{Clip, SplatSettings};
+use crate::splat::{Clip, Partners, SplatSettings};
 
 /// Groups and hits that a frame has room for at first: what a quarter of a million pixels with four surfaces each take.
 const FIRST_ROOM: u32 = 1 << 20;
 
-/// A frame of a classified scene: the twin of [`crate::splat::Frame`] where surfaces are clipped.
+/// A frame of a classified scene: the twin of [`crate::splat::Frame`].
 #[derive(Debug)]
 pub struct GpuSplatFrame<'a> {
     model: &'a GpuSplatModel,
+    clipping: Option<&'a GpuClipping>,
     camera: Camera,
     limit: LayerLimit,
     samples: u32,
     chunks: Chunks,
     room: Room,
+    /// The words of the clipping with the partners that meet in the picture, once they are found.
+    found: OnceLock<wgpu::Buffer>,
     /// Finds the leaves that have no surfels.
     source: Option<Box<dyn GpuCrossingSource + 'a>>,
 }
 
 impl<'a> GpuSplatFrame<'a> {
-    /// Of `scene`, which was uploaded as `model`, for `camera`.
+    /// Of `scene`, which was uploaded as `model`, for `camera`, drawn with the settings of `clipping`, or without it with those that
+    /// ask for no partners: surfaces, clipped on the curved field.
     ///
     /// # Errors
-    /// [`GpuSplatError::Settings`]; [`GpuSplatError::ExactLeaf`] where a leaf has no surfels: see [`crossed`](Self::crossed).
+    /// [`GpuSplatError::ExactLeaf`] where a leaf has no surfels: see [`crossed`](Self::crossed).
     pub fn new(
         scene: &Model,
         model: &'a GpuSplatModel,
         camera: Camera,
         limit: LayerLimit,
         samples: u32,
-        settings: SplatSettings,
+        clipping: Option<&'a GpuClipping>,
     ) -> Result<Self, GpuSplatError> {
-        if settings.clip != Clip::Surface || settings.partners_among().is_some() {
-            return Err(GpuSplatError::Settings);
-        }
         match model.exact {
             Some(leaf) => Err(GpuSplatError::ExactLeaf { leaf }),
-            None => Ok(Self::of(scene, model, camera, limit, samples, None)),
+            None => Ok(Self { clipping, ..Self::of(scene, model, camera, limit, samples, None) }),
         }
     }
 
@@ -84,7 +91,22 @@ impl<'a> GpuSplatFrame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let chunks = Chunks::new(scene, &model.parts, &view);
-        Self { model, camera: view.camera, limit, samples, chunks, room: Room::new(FIRST_ROOM), source }
+        Self {
+            model,
+            clipping: None,
+            camera: view.camera,
+            limit,
+            samples,
+            chunks,
+            room: Room::new(FIRST_ROOM),
+            found: OnceLock::new(),
+            source,
+        }
+    }
+
+    /// What it is drawn with.
+    fn settings(&self) -> SplatSettings {
+        self.clipping.map_or(SplatSettings::default(), GpuClipping::settings)
     }
 
     /// The same with room for `count` groups and hits at first. It grows where that does not do.
@@ -94,9 +116,48 @@ impl<'a> GpuSplatFrame<'a> {
         self
     }
 
-    /// The chunks that may touch `rect`, projected.
-    fn project(&self, gpu: &Gpu, of: &mut SplatView, rect: PixelRect) -> Result<Option<wgpu::Buffer>, GpuError> {
-        let (parts, count) = self.chunks.within(rect);
+    /// What kernels know of the camera and of `rect`.
+    fn view_of(&self, rect: PixelRect) -> SplatView {
+        let mut of = SplatView::new(&self.camera, rect, grid(rect), self.model.origin);
+        of.nearest_only = (self.limit == LayerLimit::Nearest).into();
+        of.leaves = self.model.leaves as u32;
+        of.margin_px = margin_px(self.settings());
+        if let Some(clipping) = self.clipping {
+            of.inside = clipping.inside();
+            of.disks = clipping.disks;
+            of.clip = clipping.clip;
+        }
+        of
+    }
+
+    /// The words that clipping asks, with the lists of partners: for those that meet in the picture, found once a frame.
+    fn words<'f>(&'f self, gpu: &Gpu, clipping: &'f GpuClipping) -> Result<&'f wgpu::Buffer, GpuError> {
+        if clipping.settings().partners == Partners::ObjectSpace {
+            return Ok(&clipping.words);
+        }
+        if let Some(found) = self.found.get() {
+            return Ok(found);
+        }
+        let (leaf_words, stack_words) = (self.model.leaf_words, clipping.stack_words);
+        let part = |rect| {
+            let mut view = self.view_of(rect);
+            let Some(views) = self.project(gpu, &mut view)? else { return Ok(None) };
+            let footprints = fragment::footprints(gpu, &view, &views, (leaf_words, stack_words))?;
+            Ok(Some(Part { view, views, footprints }))
+        };
+        let buffer =
+            ClipBuffer { far: &clipping.rows, tables: &clipping.words, leaf_words, stack_words, disks: clipping.count };
+        let picture = PixelRect { x0: 0, y0: 0, x1: self.camera.width, y1: self.camera.height };
+        let words = buffer.partners(gpu, picture, &part)?;
+        Ok(self.found.get_or_init(|| words))
+    }
+
+    /// The chunks that may touch what `of` tells of, projected.
+    fn project(&self, gpu: &Gpu, of: &mut SplatView) -> Result<Option<wgpu::Buffer>, GpuError> {
+        // A block's surfels are the same whatever part of it is drawn.
+        let [x, y, across, down] = of.grid.map(|blocks| blocks * BLOCK);
+        let blocks = PixelRect { x0: x, y0: y, x1: x + across, y1: y + down };
+        let (parts, count) = self.chunks.within(blocks, of.margin_px);
         if count == 0 {
             return Ok(None);
         }
@@ -126,26 +187,32 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
     }
 
     fn draw(&self, gpu: &Gpu, rect: PixelRect) -> Result<GpuLayers, GpuError> {
-        let grid = grid(rect);
-        let mut of = SplatView::new(&self.camera, rect, grid, self.model.origin);
-        of.nearest_only = (self.limit == LayerLimit::Nearest).into();
-        of.leaves = self.model.leaves as u32;
-        // A block's surfels are the same whatever part of it is drawn.
-        let [x, y, across, down] = grid.map(|blocks| blocks * BLOCK);
-        let blocks = PixelRect { x0: x, y0: y, x1: x + across, y1: y + down };
-        let views = match (self.project(gpu, &mut of, blocks)?, &self.source) {
+        let mut of = self.view_of(rect);
+        let views = match (self.project(gpu, &mut of)?, &self.source) {
             (Some(views), _) => views,
             (None, Some(_)) => gpu.storage::<SurfelView>("no views", 0)?,
             (None, None) => return GpuLayers::upload(gpu, &crate::layers::LayerTile::empty(rect)),
         };
         let bins = Bins::new(gpu, &of, &views)?;
-        let scene = Scene {
+        let leaf_words = self.model.leaf_words;
+        let mut scene = Scene {
             views: &views,
             bins: &bins,
             far: &self.model.far,
             tables: &self.model.tables,
-            leaf_words: self.model.leaf_words,
-            source: self.source.as_deref(),
+            leaf_words,
+            way: Way::Fields { source: self.source.as_deref() },
+        };
+        let Some(clipping) = self.clipping else { return scene.trace(gpu, &of, rect, self.samples, &self.room) };
+        let stack_words = clipping.stack_words;
+        (scene.far, scene.tables) = (&clipping.rows, self.words(gpu, clipping)?);
+        let footprints;
+        scene.way = match clipping.settings().clip {
+            Clip::Surface => Way::Surfaces { stack_words },
+            Clip::Fragment => {
+                footprints = fragment::footprints(gpu, &of, &views, (leaf_words, stack_words))?;
+                Way::Fragments { footprints: &footprints, stack_words }
+            }
         };
         scene.trace(gpu, &of, rect, self.samples, &self.room)
     }

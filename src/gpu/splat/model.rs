@@ -21,11 +21,6 @@ pub enum GpuSplatError {
         /// Which.
         leaf: LeafId,
     },
-    /// Another way of splatting than the one on surfaces.
-    #[error(
-        "the GPU's surfel pipeline clips surfaces on their curved field alone: use --clip surface --inside curved --unknown resolved"
-    )]
-    Settings,
     /// The device.
     #[error(transparent)]
     Gpu(#[from] GpuError),

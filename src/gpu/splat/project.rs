@@ -57,6 +57,14 @@ gpu_struct! {
         begins_words: u32,
         /// And the crossings.
         first_crossing: u32,
+        /// How far outside of its ball a surfel is drawn, pixels.
+        margin_px: f32,
+        /// How partners are asked: a number of [`super::clip`].
+        inside: u32,
+        /// The first row of the disks that may be partners.
+        disks: u32,
+        /// The words that clipping by partners begins with.
+        clip: u32,
     }
 }
 
@@ -173,10 +181,12 @@ impl Chunks {
         Self { parts: parts.iter().map(of_part).collect() }
     }
 
-    /// By part: the chunks that may touch `rect`, their views one after the other; and how many views there are.
-    pub fn within(&self, rect: PixelRect) -> (Vec<Vec<ChunkView>>, u32) {
-        let (x0, x1) = (f64::from(rect.x0), f64::from(rect.x1));
-        let (y0, y1) = (f64::from(rect.y0), f64::from(rect.y1));
+    /// By part: the chunks that may come within `margin_px` of `rect`, their views one after the other; and how many views there
+    /// are.
+    pub fn within(&self, rect: PixelRect, margin_px: f32) -> (Vec<Vec<ChunkView>>, u32) {
+        let margin = f64::from(margin_px);
+        let (x0, x1) = (f64::from(rect.x0) - margin, f64::from(rect.x1) + margin);
+        let (y0, y1) = (f64::from(rect.y0) - margin, f64::from(rect.y1) + margin);
         let touches = |b: &[f64; 4]| b[0] <= x1 && b[1] >= x0 && b[2] <= y1 && b[3] >= y0;
         let mut views = 0;
         let mut of_part = |part: &Vec<Option<Seen>>| {

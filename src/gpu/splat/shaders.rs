@@ -1,19 +1,26 @@
 //! The modules of the surfel pipeline.
 
 use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
+use super::fragment::{Footprint, Fragment, RESOLVED_TOGETHER};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
 use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
-use super::{bins, crossed, tables};
+use super::{bins, clip, crossed, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
-use crate::splat::{project, rows, surface};
+use crate::splat::{self, ewa, project, rows, surface};
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
-    vec![self::project(), bins::shader(), trace(1), trace(4), merge(), hits()]
+    let mut all = vec![self::project(), bins::shader(), trace(1, None), trace(4, None), merge(), hits(), partners()];
+    for (leaf_words, stack_words) in [(1, 1), (4, 2)] {
+        all.push(trace(leaf_words, Some(stack_words)));
+        all.push(fragment(leaf_words, stack_words));
+        all.push(clip_buffer(leaf_words, stack_words));
+    }
+    all
 }
 
 /// Projects surfels.
@@ -47,10 +54,56 @@ fn owners(shader: Shader) -> Shader {
         .with_constant("OWNER_SHIFT", OWNER_SHIFT)
 }
 
-/// Traces rays, in a scene whose sets of leaves take `leaf_words` words.
-pub(super) fn trace(leaf_words: u32) -> Shader {
-    let shader = Shader::new("splat trace").with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
-    crossed::with_constants(tables::with_constants(tables::with_kinds(owners(shader))))
+/// Traces rays, in a scene whose sets of leaves take `leaf_words` words; where partners are asked, with the words that the paper
+/// tree's stack takes, else with crossings of the leaves that have no surfels.
+pub(super) fn trace(leaf_words: u32, stack_words: Option<u32>) -> Shader {
+    let shader = sides(Shader::new("splat trace"), leaf_words)
+        .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
+        .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING);
+    let shader = match stack_words {
+        Some(stack_words) => clip::with_partners(shader, stack_words),
+        None => crossed::with_constants(shader)
+            .with_text(include_str!("../../../shaders/splat/field.wgsl"))
+            .with_text(include_str!("../../../shaders/splat/crossed.wgsl")),
+    };
+    shader.with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+}
+
+/// Lists and clips fragments, in a scene whose sets of leaves take `leaf_words` words and whose paper tree's stack `stack_words`.
+pub(super) fn fragment(leaf_words: u32, stack_words: u32) -> Shader {
+    footprints(Shader::new("splat fragment"), leaf_words, stack_words)
+        .with_struct::<Fragment>()
+        .with_constant("RESOLVED_TOGETHER", RESOLVED_TOGETHER)
+        .with_constant("REACHES_OF_A_SURFACE", splat::fragment::REACHES_OF_A_SURFACE)
+        .with_text(include_str!("../../../shaders/splat/fragment.wgsl"))
+}
+
+/// Finds partners in the picture; as [`fragment`].
+pub(super) fn clip_buffer(leaf_words: u32, stack_words: u32) -> Shader {
+    footprints(Shader::new("splat clip buffer"), leaf_words, stack_words)
+        .with_text(include_str!("../../../shaders/splat/clip_buffer.wgsl"))
+}
+
+/// Keeps each partner once.
+pub(super) fn partners() -> Shader {
+    Shader::new("splat partners").with_text(include_str!("../../../shaders/splat/partners.wgsl"))
+}
+
+fn footprints(shader: Shader, leaf_words: u32, stack_words: u32) -> Shader {
+    clip::with_partners(sides(shader, leaf_words), stack_words)
+        .with_struct::<Footprint>()
+        .with_constant("BORDER_IN_SIGMAS", ewa::BORDER_IN_SIGMAS)
+        .with_constant("LOW_PASS_PX", ewa::LOW_PASS_PX)
+        .with_constant("REACH_PX", ewa::REACH_PX)
+        .with_constant("MOST_DEPTH_SHARE", ewa::MOST_DEPTH_SHARE)
+        .with_constant("LEAST_PEAK", ewa::LEAST_PEAK)
+        .with_text(include_str!("../../../shaders/splat/ewa.wgsl"))
+}
+
+/// What tells sides, in a scene whose sets of leaves take `leaf_words` words.
+fn sides(shader: Shader, leaf_words: u32) -> Shader {
+    let shader = shader.with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
+    tables::with_constants(tables::with_kinds(owners(shader)))
         .with_constant("LEAF_WORDS", leaf_words)
         .with_constant("BLOCK", BLOCK)
         .with_constant("LISTS", bins::LISTS)
@@ -63,8 +116,6 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_constant("LEAST_WEIGHT", rows::LEAST_WEIGHT)
         .with_constant("FARTHEST_SOLVE_IN_RADII", rows::FARTHEST_SOLVE_IN_RADII)
         .with_constant("MOST_STEP_IN_RADII", rows::MOST_STEP_IN_RADII)
-        .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
-        .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING)
         .with_constant("FAR_IN_RADII", winding::FAR as f32)
         .with_constant("RUN_OF_ELEMENTS", winding::LEAF as u32)
         .with_constant("ROWS_A_CLUSTER", ROWS_A_CLUSTER)
@@ -74,8 +125,7 @@ pub(super) fn trace(leaf_words: u32) -> Shader {
         .with_text(include_str!("../../../shaders/splat/rows.wgsl"))
         .with_text(include_str!("../../../shaders/splat/far.wgsl"))
         .with_text(include_str!("../../../shaders/splat/residual.wgsl"))
-        .with_text(include_str!("../../../shaders/splat/surface.wgsl"))
-        .with_text(include_str!("../../../shaders/splat/crossed.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/sides.wgsl"))
 }
 
 /// Joins samples.

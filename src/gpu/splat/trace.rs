@@ -1,6 +1,6 @@
-//! From lists of surfels to the records of a rectangle: groups and hits in pools that grow.
+//! From lists of surfels to the records of a rectangle: groups, or fragments, and hits in pools that grow.
 //!
-//! *Practice.* A pixel takes groups and hits from pools that all pixels share. Where a pool is too small its counter says how many
+//! *Practice.* A pixel takes groups (or fragments) and hits from pools that all pixels share. Where a pool is too small its counter says how many
 //! were asked for; the rectangle is then traced anew with more. A pixel without a group opens others, so that count may be far too
 //! large, and never too small: pools grow by a factor at a time.
 
@@ -8,8 +8,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::bins::{Bins, LISTS};
 use super::crossed;
+use super::fragment::{self, Fragment, RANGE_WORDS};
 use super::project::SplatView;
 use super::shaders;
+use crate::gpu::buffers::Commands;
 use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
@@ -65,7 +67,7 @@ gpu_struct! {
     }
 }
 
-/// Where the words of pixels count groups, count hits, have the most groups that a sample before took, say whether a
+/// Where the words of pixels count groups or fragments, count hits, have the most groups that a sample before took, say whether a
 /// thread's loops were cut short, and have the pixels' first hits.
 pub(super) const GROUPS_NEEDED: u32 = 0;
 pub(super) const HITS_NEEDED: u32 = 1;
@@ -95,7 +97,7 @@ impl Room {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where one buffer does not hold what this rectangle needs.
-    fn grow(&self, gpu: &Gpu, needed: [u32; 2], pixels: u32) -> Result<(), GpuError> {
+    fn grow(&self, gpu: &Gpu, way: &Way, needed: [u32; 2], pixels: u32) -> Result<(), GpuError> {
         const FACTOR: u32 = 4;
         let grow = |what: &str, room: &AtomicU32, needed: u32, size: usize| {
             let limit = gpu.largest_binding();
@@ -111,7 +113,7 @@ impl Room {
             room.fetch_max(needed.min(before.saturating_mul(FACTOR).max(pixels)).min(most), Ordering::Relaxed);
             Ok(())
         };
-        grow("groups of fragments", &self.groups, needed[0], std::mem::size_of::<Group>())?;
+        grow(way.pool(), &self.groups, needed[0], way.pool_size())?;
         grow("hits", &self.hits, needed[1], std::mem::size_of::<Hit>())
     }
 }
@@ -123,11 +125,107 @@ pub(super) struct Scene<'a> {
     pub far: &'a wgpu::Buffer,
     pub tables: &'a wgpu::Buffer,
     pub leaf_words: u32,
-    /// Finds the leaves that have no surfels.
-    pub source: Option<&'a dyn GpuCrossingSource>,
+    pub way: Way<'a>,
+}
+
+/// How hits are found.
+pub(super) enum Way<'a> {
+    /// Surface by surface, clipped on the fields of the leaves, and by the crossings of those that `source` finds.
+    Fields { source: Option<&'a dyn GpuCrossingSource> },
+    /// Surface by surface, clipped by partners, with the words that the paper tree's stack takes.
+    Surfaces { stack_words: u32 },
+    /// Fragment by fragment, as in the paper: with the footprints, and the words that the paper tree's stack takes.
+    Fragments { footprints: &'a wgpu::Buffer, stack_words: u32 },
+}
+
+impl Way<'_> {
+    /// What the pool is of that pixels share before they have hits.
+    fn pool(&self) -> &'static str {
+        match self {
+            Self::Fields { .. } | Self::Surfaces { .. } => "groups of fragments",
+            Self::Fragments { .. } => "fragments",
+        }
+    }
+
+    /// Bytes of one.
+    fn pool_size(&self) -> usize {
+        match self {
+            Self::Fields { .. } | Self::Surfaces { .. } => size_of::<Group>(),
+            Self::Fragments { .. } => size_of::<Fragment>(),
+        }
+    }
+
+    /// Words that a pixel takes.
+    fn pixel_words(&self) -> usize {
+        match self {
+            Self::Fields { .. } | Self::Surfaces { .. } => 1,
+            Self::Fragments { .. } => 1 + RANGE_WORDS,
+        }
+    }
+}
+
+/// One sample being drawn.
+pub(super) struct Drawing<'c, 'g> {
+    pub commands: &'c mut Commands<'g>,
+    /// What kernels know of it.
+    pub of: SplatView,
+    pub uniform: &'c wgpu::Buffer,
+    pub pool: &'c wgpu::Buffer,
+    pub pixels: &'c wgpu::Buffer,
+    pub hits: &'c wgpu::Buffer,
+    /// How many there are.
+    pub blocks: usize,
 }
 
 impl Scene<'_> {
+    /// Finds the hits of one sample, that of so many of `rect`.
+    ///
+    /// # Errors
+    /// Those of crossings.
+    fn find_hits(&self, drawing: &mut Drawing, rect: PixelRect, sample: usize) -> Result<(), GpuError> {
+        let gpu = drawing.commands.gpu();
+        let (stack_words, source) = match self.way {
+            Way::Fields { source } => (None, source),
+            Way::Surfaces { stack_words } => (Some(stack_words), None),
+            Way::Fragments { footprints, stack_words } => {
+                fragment::dispatch(drawing, self, footprints, stack_words);
+                return Ok(());
+            }
+        };
+        let crossed = match source {
+            Some(source) => {
+                // What the source does waits for the device: what was told before is better begun with.
+                std::mem::replace(drawing.commands, gpu.commands()).submit();
+                let crossings = source.crossings(gpu, rect, sample)?;
+                let (starts, of) =
+                    crossed::beside(drawing.commands, &self.bins.starts, drawing.blocks, &crossings, &drawing.of)?;
+                Some((starts, gpu.uniform("splat view", &of)))
+            }
+            None => None,
+        };
+        let (starts, uniform) =
+            crossed.as_ref().map_or((&self.bins.starts, drawing.uniform), |(starts, uniform)| (starts, uniform));
+        let shared = [
+            (0, uniform),
+            (1, self.views),
+            (2, &self.bins.members),
+            (3, starts),
+            (5, drawing.pixels),
+            (6, self.far),
+            (7, self.tables),
+            (8, drawing.hits),
+        ];
+        let buffers = [&shared[..], &[(4, drawing.pool)]].concat();
+        let shader = shaders::trace(self.leaf_words, stack_words);
+        let trace = gpu.kernel(&shader, "trace");
+        drawing.commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), drawing.blocks);
+        if crossed.is_some() {
+            let trace_crossed = gpu.kernel(&shader, "trace_crossed");
+            drawing.commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), drawing.blocks);
+        }
+        Ok(())
+    }
+
     /// The layers of `rect`, that of `of`, with so many samples a pixel.
     ///
     /// # Errors
@@ -141,16 +239,14 @@ impl Scene<'_> {
         samples: u32,
         room: &Room,
     ) -> Result<GpuLayers, GpuError> {
-        let shader = shaders::trace(self.leaf_words);
-        let trace = gpu.kernel(&shader, "trace");
         let [merge, finish] = ["merge_sample", "finish_merge"].map(|entry| gpu.kernel(&shaders::merge(), entry));
         let merged = gpu.storage::<u32>("merged pixels", if samples > 1 { rect.area() } else { 0 })?;
         let blocks = (of.grid[2] * of.grid[3]) as usize;
-        let pixels = gpu.storage::<u32>("pixels", FIRST_PIXEL as usize + rect.area())?;
+        let pixels = gpu.storage::<u32>("pixels", FIRST_PIXEL as usize + rect.area() * self.way.pixel_words())?;
         let offsets = gpu.storage::<u32>("offsets", rect.area() + 1)?;
         loop {
             let [group_room, hit_room] = room.get();
-            let groups = gpu.storage::<Group>("groups of fragments", group_room as usize)?;
+            let pool = gpu.storage::<u8>(self.way.pool(), group_room as usize * self.way.pool_size())?;
             let hits = gpu.storage::<Hit>("hits", hit_room as usize)?;
             let rooms = SplatView { room: [group_room, hit_room], ..*of };
             let mut commands = gpu.commands();
@@ -158,35 +254,18 @@ impl Scene<'_> {
             let samples = sample_offsets(samples);
             for (sample, place) in samples.iter().enumerate() {
                 let place = place.as_vec2().to_array();
-                let of_sample = SplatView { place, samples: 1 << sample, ..rooms };
-                let crossed = match self.source {
-                    Some(source) => {
-                        // What the source does waits for the device: what was told before is better begun with.
-                        std::mem::replace(&mut commands, gpu.commands()).submit();
-                        let crossings = source.crossings(gpu, rect, sample)?;
-                        Some(crossed::beside(&mut commands, &self.bins.starts, blocks, &crossings, &of_sample)?)
-                    }
-                    None => None,
+                let of = SplatView { place, samples: 1 << sample, ..rooms };
+                let uniform = gpu.uniform("splat view", &of);
+                let mut drawing = Drawing {
+                    commands: &mut commands,
+                    of,
+                    uniform: &uniform,
+                    pool: &pool,
+                    pixels: &pixels,
+                    hits: &hits,
+                    blocks,
                 };
-                let (starts, of_sample) =
-                    crossed.as_ref().map_or((&self.bins.starts, of_sample), |(all, of)| (all, *of));
-                let uniform = gpu.uniform("splat view", &of_sample);
-                let shared = [
-                    (0, &uniform),
-                    (1, self.views),
-                    (2, &self.bins.members),
-                    (3, starts),
-                    (5, &pixels),
-                    (6, self.far),
-                    (7, self.tables),
-                    (8, &hits),
-                ];
-                let buffers = [&shared[..], &[(4, &groups)]].concat();
-                commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), blocks);
-                if crossed.is_some() {
-                    let trace_crossed = gpu.kernel(&shader, "trace_crossed");
-                    commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), blocks);
-                }
+                self.find_hits(&mut drawing, rect, sample)?;
                 if samples.len() > 1 {
                     let buffers = [(0, &uniform), (1, &hits), (2, &pixels), (3, &merged)];
                     commands.dispatch(&merge, &gpu.bind(&merge, &buffers), rect.area());
@@ -210,7 +289,7 @@ impl Scene<'_> {
             let needed =
                 [needed[GROUPS_NEEDED as usize].max(needed[GROUPS_MOST as usize]), needed[HITS_NEEDED as usize]];
             if needed[0] > group_room || needed[1] > hit_room {
-                room.grow(gpu, needed, rect.area() as u32)?;
+                room.grow(gpu, &self.way, needed, rect.area() as u32)?;
                 continue;
             }
             let total = gpu.download_from::<u32>(&offsets, 4 * rect.area() as u64, 1)?[0] as usize;
