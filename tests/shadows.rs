@@ -318,10 +318,11 @@ fn the_comparison_with_rays_can_fail() {
     let mut loaded = scene("widget");
     let truth = by_ray(&loaded);
     let light = light_of(&loaded);
-    // Three degrees beside.
-    loaded.scene.light.towards += DVec3::new(0.0, 0.0, 0.08);
+    // Nearly four degrees beside.
+    loaded.scene.light.towards += DVec3::new(0.0, 0.0, 0.14);
     let found = difference(&lit(&mut loaded, As::Own), truth, light, 1);
-    assert!(found.wrong > 20, "{found:?}");
+    println!("{} of {} beside", found.wrong, found.judged);
+    assert!(found.wrong as f64 > 1.5 * MOST_WRONG * found.judged as f64, "{found:?}");
 }
 
 /// The picture in `style` with shadows, from `map`.

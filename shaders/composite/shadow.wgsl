@@ -27,37 +27,29 @@ fn cross_of(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.y - a.y * b.x;
 }
 
-// How a pixel's parallelogram lies on the texels: x and y are its sides' shares u and v.
+// How a pixel lies on the texels.
 struct Shape {
-    u: vec2<f32>,
-    v: vec2<f32>,
-    // Half of what a texel covers of u and of v.
-    halves: vec2<f32>,
-    // How far from the pixel's middle texels still cover a part of it.
+    // The factors of x², xy and y² in the square of how far a texel is, as a share of the way to where texels end to count.
+    shrink: vec3<f32>,
+    // How far from the pixel's middle texels still count.
     reach: vec2<f32>,
 }
 
-fn shape_of(a: vec2<f32>, side: vec2<f32>) -> Shape {
-    var b = side;
-    let width = LEAST_WIDTH * max(max(length(a), length(b)), 1.0);
-    let thin = cross_of(a, b);
-    if abs(thin) < width {
-        b += vec2<f32>(-a.y, a.x) / max(length(a), TINY) * select(-width, width, thin >= 0.0);
-    }
-    let det = cross_of(a, b);
+fn shape_of(a: vec2<f32>, b: vec2<f32>) -> Shape {
+    let spread = vec3<f32>(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y) + vec3<f32>(1.0, 0.0, 1.0);
+    let skew = cross_of(a, b);
+    let det = spread.x + spread.z - 1.0 + skew * skew;
     var shape: Shape;
-    shape.u = vec2<f32>(b.y, -b.x) / det;
-    shape.v = vec2<f32>(-a.y, a.x) / det;
-    shape.halves = 0.5 * vec2<f32>(abs(shape.u.x) + abs(shape.u.y), abs(shape.v.x) + abs(shape.v.y));
-    shape.reach = (shape.halves.x + 0.5) * abs(a) + (shape.halves.y + 0.5) * abs(b);
+    shape.shrink = vec3<f32>(spread.z, -2.0 * spread.y, spread.x) * (PER_REACH / det);
+    shape.reach = sqrt(spread.xz / PER_REACH);
     return shape;
 }
 
-// How much of the pixel a texel covers whose middle is `from_here`.
+// How much a texel counts whose middle is `from_here`.
 fn weight_of(shape: Shape, from_here: vec2<f32>) -> f32 {
-    let places = vec2<f32>(dot(shape.u, from_here), dot(shape.v, from_here));
-    let shares = clamp((0.5 + shape.halves - abs(places)) / (2.0 * shape.halves), vec2<f32>(0.0), vec2<f32>(1.0));
-    return shares.x * shares.y;
+    let squares = vec3<f32>(from_here.x * from_here.x, from_here.x * from_here.y, from_here.y * from_here.y);
+    let within = max(1.0 - dot(shape.shrink, squares), 0.0);
+    return within * within;
 }
 
 fn first_texel(at: vec2<f32>, reach: vec2<f32>) -> vec2<i32> {

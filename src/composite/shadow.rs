@@ -15,8 +15,9 @@
 //! *Practice.* A texel is no larger than the pixel that asks, seen from the light ([`LightGrid`] has texels of every size), but
 //! not below half of the pixel's own size where light grazes, nor so small that a pixel at a grazing angle of view has more than
 //! some hundreds: [`Shadows::coarse`] counts the boundaries where these two rules leave texels larger. A pixel's light is the mean over
-//! the texels that its part of the tangent plane covers, each by the share covered (percentage-closer filtering; Reeves, Salesin
-//! and Cook 1987), so that edges have neither steps nor the grain of random samples. A boundary that some samples of a pixel see asks from the middle of those. The light's own cameras take one sample a
+//! the texels about its part of the tangent plane (percentage-closer filtering; Reeves, Salesin and Cook 1987), each weighted by an
+//! ellipse of the same covariance (as textures are by Heckbert 1989), so that edges have neither steps nor the grain of random
+//! samples. A boundary that some samples of a pixel see asks from the middle of those. The light's own cameras take one sample a
 //! texel.
 
 use std::cell::RefCell;
@@ -47,8 +48,10 @@ pub(crate) const MOST_TEXELS: f64 = 8.0;
 /// A surface counts as lit at no flatter an angle than this sine of it: its plane would reach any depth within a texel.
 pub(crate) const LEAST_SINE: f64 = 1.0 / 64.0;
 
-/// A pixel seen from the light is at least this wide, in texels.
-pub(crate) const LEAST_WIDTH: f64 = 1.0 / 64.0;
+/// A pixel's weights are (1 − r²)², and r reaches 1 where twelve times the covariance, as a quadratic form, is 12/8: the variance of
+/// such weights along a diameter is ½ ∫r³(1 − r²)² dr / ∫r(1 − r²)² dr = 1/8. No texel is too large to count: the nearest is within
+/// √(1/2) of the pixel's middle, and the ellipse reaches √(2/3) at least.
+pub(crate) const PER_REACH: f32 = 12.0 / 8.0;
 
 /// What keeps the light from boundaries.
 pub struct Shadows<'a> {
@@ -227,18 +230,16 @@ struct Receiver {
 impl Receiver {
     /// How the pixel lies on the texels.
     fn shape(&self) -> Shape {
-        let [a, mut b] = self.sides;
-        let width = LEAST_WIDTH as f32 * a.length().max(b.length()).max(1.0);
-        if a.perp_dot(b).abs() < width {
-            b += a.perp().normalize_or(Vec2::Y) * width.copysign(a.perp_dot(b));
-        }
-        let det = a.perp_dot(b);
-        // (x, y) = u a + v b.
-        let (u, v) = (Vec2::new(b.y, -b.x) / det, Vec2::new(-a.y, a.x) / det);
-        let half = |along: Vec2| 0.5 * (along.x.abs() + along.y.abs());
-        let halves = Vec2::new(half(u), half(v));
-        let reach = (halves + 0.5).x * a.abs() + (halves + 0.5).y * b.abs();
-        Shape { u, v, halves, reach }
+        let [a, b] = self.sides;
+        // Twelve times the covariance: a box has a twelfth of its side squared, and that of a texel is one.
+        let spread =
+            Vec3::new(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y) + Vec3::new(1.0, 0.0, 1.0);
+        // Its determinant, without the difference of what is large: |a|² + |b|² + 1 + (a × b)².
+        let skew = a.perp_dot(b);
+        let det = spread.x + spread.z - 1.0 + skew * skew;
+        let shrink = Vec3::new(spread.z, -2.0 * spread.y, spread.x) * (PER_REACH / det);
+        let reach = (Vec2::new(spread.x, spread.z) / PER_REACH).map(f32::sqrt);
+        Shape { shrink, reach }
     }
 
     /// Columns and rows of the first and the last texel whose middles are within `reach`.
@@ -291,75 +292,110 @@ impl Receiver {
     }
 }
 
-/// How a pixel's parallelogram lies on the texels: x and y are its sides' shares u and v.
+/// How a pixel lies on the texels: an ellipse with the covariance of its parallelogram and of a texel together. What makes the
+/// ellipse, the sum of the sides' squares, changes little with the pixel however the sides lie to each other; the parallelogram's
+/// own axes are long without end where they are nearly parallel.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
-    /// u and v by x and y, in texels.
-    u: Vec2,
-    v: Vec2,
-    /// Half of what a texel covers of u and of v.
-    halves: Vec2,
-    /// How far from the pixel's middle texels still cover a part of it, in columns and rows.
+    /// The factors of x², xy and y² in the square of how far a texel is from the pixel's middle, as a share of the way to the
+    /// ellipse's edge; x and y in texels.
+    shrink: Vec3,
+    /// How far from the pixel's middle texels still count, in columns and rows.
     reach: Vec2,
 }
 
 impl Shape {
-    /// How much of the pixel a texel covers whose middle is `from_here`; of no unit. A box as wide as the pixel, smoothed by one as
-    /// wide as a texel.
+    /// How much a texel counts whose middle is `from_here`; of no unit. It falls smoothly to nothing at the edge of the ellipse, so
+    /// that no texel comes in with a step.
     #[inline]
     fn weight(&self, from_here: Vec2) -> f32 {
-        let along = |share: Vec2, half: f32| ((0.5 + half - share.dot(from_here).abs()) / (2.0 * half)).clamp(0.0, 1.0);
-        along(self.u, self.halves.x) * along(self.v, self.halves.y)
+        let Vec2 { x, y } = from_here;
+        let within = (1.0 - self.shrink.dot(Vec3::new(x * x, x * y, y * y))).max(0.0);
+        within * within
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::light_grid::STEPS as SIZES;
     use super::*;
 
-    /// The share of a pixel with these sides, in texels, that lies left of the grid's origin; its middle is `x` right of it.
-    fn left_of_origin(sides: [Vec2; 2], x: f64) -> f32 {
+    /// A pixel with these sides, in texels, `x` right of the grid's origin.
+    fn receiver(sides: [Vec2; 2], x: f64) -> Receiver {
         let at = DVec2::new(x, 0.3);
         let (level, texel, depth, normal) = (0, 1.0, 0.0, Vec3::NEG_Z);
-        let receiver = Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false };
+        Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false }
+    }
+
+    /// The share of a pixel that lies left of the grid's origin, and how many texels are looked at for it.
+    fn left_of_origin(sides: [Vec2; 2], x: f64) -> (f32, usize) {
+        let receiver = receiver(sides, x);
         let shape = receiver.shape();
         let [[x0, y0], [x1, y1]] = receiver.texels(shape.reach);
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut left, mut all, mut count) = (0.0, 0.0, 0);
         for (x, y) in (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))) {
-            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - at).as_vec2());
+            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - receiver.at).as_vec2());
             all += weight;
             left += if x < 0 { weight } else { 0.0 };
+            count += 1;
         }
-        left / all
+        (left / all, count)
     }
 
     #[test]
-    fn a_shadows_edge_has_no_steps_whatever_the_pixels_shape() {
-        // None narrower than a texel, as long as light does not graze.
+    fn a_shadows_edge_has_no_steps_and_is_as_wide_as_the_pixel_whatever_its_shape() {
+        // None narrower than a texel, as long as light does not graze; then the last ones, which are all but flat.
         let shapes = [
             [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0)],
             [Vec2::new(1.3, 0.2), Vec2::new(-0.4, 1.1)],
             [Vec2::new(0.9, 0.9), Vec2::new(-0.8, 0.8)],
             [Vec2::new(7.0, 3.0), Vec2::new(-0.2, 0.9)],
             [Vec2::new(1.4, -0.3), Vec2::new(3.0, 2.0)],
+            [Vec2::new(8.0, 0.0), Vec2::new(8.0, 0.3)],
+            [Vec2::new(5.7, 5.7), Vec2::new(5.7, 5.4)],
+            [Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)],
         ];
         for sides in shapes {
-            let half = 0.5 * (sides[0].x.abs() + sides[1].x.abs()) as f64;
             const STEP: f64 = 1.0 / 64.0;
-            let shares: Vec<f32> = (-640..=640).map(|i| left_of_origin(sides, f64::from(i) * STEP)).collect();
+            const STEPS: i32 = 640;
+            let shares: Vec<f32> = (-STEPS..=STEPS).map(|i| left_of_origin(sides, f64::from(i) * STEP).0).collect();
             // No faster than an edge crosses the narrowest pixel there is, a texel wide, twice over.
             assert!(shares.windows(2).all(|w| (w[0] - w[1]).abs() < 2.0 * STEP as f32), "{sides:?}");
-            let at = |x: f64| shares[((x / STEP).round() + 640.0) as usize];
+            let at = |x: f64| shares[((x / STEP).round() as i32 + STEPS) as usize];
             assert!((at(0.0) - 0.5).abs() < 0.15, "{sides:?}: {}", at(0.0));
-            assert!(at(-half - 1.5) == 1.0 && at(half + 1.5) == 0.0, "{sides:?}");
+            assert!(at(-10.0) == 1.0 && at(10.0) == 0.0, "{sides:?}");
+            // How the share falls along x is how the pixel's points are spread, as blurred as boxes of two texels make it.
+            let falls = shares.windows(2).map(|w| f64::from(w[0] - w[1]));
+            let variance: f64 =
+                falls.enumerate().map(|(i, fall)| fall * ((i as f64 + 0.5) * STEP - 10.0).powi(2)).sum();
+            let true_variance = f64::from(sides[0].x.powi(2) + sides[1].x.powi(2)) / 12.0;
+            let most = true_variance + 2.0 / 12.0;
+            assert!(variance > 0.9 * true_variance && variance < 1.1 * most, "{sides:?}: {variance} {true_variance}");
         }
     }
 
     #[test]
-    fn a_pixel_seen_edge_on_from_the_light_still_asks() {
-        for sides in [[Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)], [Vec2::new(0.0, 1e-9), Vec2::new(1.0, 0.0)]] {
-            let share = left_of_origin(sides, 0.0);
-            assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+    fn a_pixel_of_any_shape_looks_at_some_hundreds_of_texels_at_most() {
+        // Texels are rounded down to a size that there is.
+        let longest = MOST_TEXELS * (1.0 / SIZES).exp2();
+        for (i, j) in (0..64).flat_map(|i| (0..64).map(move |j| (i, j))) {
+            let angle = |i: i32| f64::from(i) * std::f64::consts::PI / 64.0;
+            let sides = [angle(i), angle(j)].map(|angle| (DVec2::from_angle(angle) * longest).as_vec2());
+            let (share, count) = left_of_origin(sides, 0.0);
+            assert!((0.0..=1.0).contains(&share) && count < 400, "{sides:?}: {count}");
         }
+    }
+
+    #[test]
+    fn a_pixel_far_smaller_than_a_texel_still_asks() {
+        for sides in [[Vec2::ZERO; 2], [Vec2::new(0.0, 1e-9), Vec2::new(1e-20, 0.0)]] {
+            for i in 0..64 {
+                let (share, _) = left_of_origin(sides, f64::from(i) / 64.0);
+                assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+            }
+        }
+        // The middles of four texels are equally far.
+        let corner = Receiver { at: DVec2::ZERO, ..receiver([Vec2::ZERO; 2], 0.0) };
+        assert!(corner.shape().weight(Vec2::splat(0.5)) > 0.0);
     }
 }

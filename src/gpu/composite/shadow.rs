@@ -12,7 +12,7 @@ use std::collections::hash_map::Entry;
 
 use super::view::{self, Band, Bound};
 use crate::composite::light_grid::{BLOCK_TILES, BlockView, LEVELS, LightBlock, LightGrid, SIDE, STEPS};
-use crate::composite::shadow::{LEAST_SHARE, LEAST_SINE, LEAST_WIDTH, MOST_TEXELS, TOLERANCE};
+use crate::composite::shadow::{LEAST_SHARE, LEAST_SINE, MOST_TEXELS, PER_REACH, TOLERANCE};
 use crate::gpu::layers::{GpuLayerSource, LayerRecord, in_parts};
 use crate::gpu::shader::Shader;
 use crate::gpu::{Gpu, GpuError};
@@ -235,7 +235,7 @@ pub(super) fn shader() -> Shader {
         .with_constant("TOLERANCE", TOLERANCE as f32)
         .with_constant("LEAST_SHARE", LEAST_SHARE as f32)
         .with_constant("LEAST_SINE", LEAST_SINE as f32)
-        .with_constant("LEAST_WIDTH", LEAST_WIDTH as f32)
+        .with_constant("PER_REACH", PER_REACH)
         .with_constant("MOST_TEXELS", MOST_TEXELS as f32)
         .with_constant("STEPS", STEPS as f32)
         .with_constant("LEVELS", LEVELS)
