@@ -7,10 +7,9 @@
 //! that they are made of.
 
 use std::cell::{Cell, RefCell};
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 
 use super::view::{self, Band, Bound};
+use crate::composite::light_frames::LightFrames;
 use crate::composite::light_grid::{BLOCK_TILES, BlockView, LEVELS, LightBlock, LightGrid, SIDE, STEPS};
 use crate::composite::shadow::{LEAST_SHARE, LEAST_SINE, MOST_TEXELS, PER_REACH, TOLERANCE};
 use crate::gpu::layers::{GpuLayerSource, LayerRecord, in_parts};
@@ -91,8 +90,8 @@ const LIGHT_STEPS: f32 = 16_777_216.0;
 /// does on the CPU. `None` where that failed, of which the caller knows more.
 pub type DrawLight<'a> = dyn Fn(&Camera) -> Result<Option<Box<dyn GpuLayerSource + 'a>>, GpuError> + 'a;
 
-/// Frames that are ready, by block; `None` where that failed.
-type Frames<'a> = HashMap<LightBlock, Option<Box<dyn GpuLayerSource + 'a>>>;
+/// Frames that are ready; `None` where that failed.
+type Frames<'a> = LightFrames<Option<Box<dyn GpuLayerSource + 'a>>>;
 
 /// What keeps the light from boundaries.
 pub struct Shadows<'a> {
@@ -158,38 +157,37 @@ impl<'a> Shadows<'a> {
         run("receive", &[&of_band[..], &[(2, &layers.records), (5, &asked), (6, &places)]].concat());
         let asked: Vec<i32> = gpu.download(&asked, nothing.len())?;
         self.coarse.set(self.coarse.get() + asked[4 * LEVELS as usize] as u64);
+        let mut asked_of = Vec::new();
         for (level, range) in asked.chunks_exact(4).enumerate().take(LEVELS as usize) {
             let &[x0, y0, x1, y1] = range else { continue };
             if x0 > x1 || y0 > y1 {
                 continue;
             }
             let grid_level = self.grid.least_level() + level as i32;
-            for (block, view, rect) in self.blocks(grid_level, [x0, y0], [x1, y1]) {
-                let mut frames = self.frames.borrow_mut();
-                let source = match frames.entry(block) {
-                    Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(unknown) => unknown.insert((self.draw)(&view.camera)?),
+            asked_of.extend(self.blocks(grid_level, [x0, y0], [x1, y1]));
+        }
+        let mut frames = self.frames.borrow_mut();
+        asked_of.sort_by_key(|(block, ..)| !frames.is_ready(*block));
+        for (block, view, rect) in asked_of {
+            let Some(source) = frames.get(block, || (self.draw)(&view.camera))? else { continue };
+            in_parts(rect, &mut |rect| {
+                let seen = source.draw(gpu, rect)?;
+                self.texels.set(self.texels.get() + rect.area() as u64);
+                if seen.count == 0 {
+                    return Ok(());
+                }
+                let patch = LightPatch {
+                    corner: [view.corner[0] + rect.x0 as i32, view.corner[1] + rect.y0 as i32],
+                    size: [rect.width(), rect.height()],
+                    level: block.level - self.grid.least_level(),
+                    unused: 0,
+                    unused_too: [0; 2],
                 };
-                let Some(source) = source else { continue };
-                in_parts(rect, &mut |rect| {
-                    let seen = source.draw(gpu, rect)?;
-                    self.texels.set(self.texels.get() + rect.area() as u64);
-                    if seen.count == 0 {
-                        return Ok(());
-                    }
-                    let patch = LightPatch {
-                        corner: [view.corner[0] + rect.x0 as i32, view.corner[1] + rect.y0 as i32],
-                        size: [rect.width(), rect.height()],
-                        level: level as i32,
-                        unused: 0,
-                        unused_too: [0; 2],
-                    };
-                    let patch = gpu.uniform("patch of light", &patch);
-                    let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
-                    run("shade", &[&of_band[..], &of_light].concat());
-                    Ok(())
-                })?;
-            }
+                let patch = gpu.uniform("patch of light", &patch);
+                let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
+                run("shade", &[&of_band[..], &of_light].concat());
+                Ok(())
+            })?;
         }
         Ok(kept_off)
     }
