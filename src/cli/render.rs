@@ -249,7 +249,7 @@ pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_la
     } else {
         LayerLimit::Nearest
     };
-    FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
+    FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open), is_picture: true }
 }
 
 pub fn describe(

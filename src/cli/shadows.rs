@@ -54,7 +54,7 @@ impl ShadowPass {
             light: loaded.scene.light,
             strength,
             opacity,
-            frame: FrameArgs { samples: 1, limit },
+            frame: FrameArgs { samples: 1, limit, is_picture: false },
             bounds: loaded.drawn_within(|_| Motion::REST),
             map: RefCell::default(),
         })
