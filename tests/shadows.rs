@@ -247,6 +247,18 @@ fn who_looks_along_the_light_sees_no_shadow() {
     }
 }
 
+#[test]
+fn an_eye_far_away_sees_no_shadow_on_what_throws_none() {
+    // A pixel is a thousandth, and a depth in 32 bits is rounded by eight of these.
+    let text = "csg = 'block | ball'\nsize = [96, 96]\n[camera]\neye = [60000, -50000, 62000]\ntarget = [0, 0, 0]\nheight = 0.096\n\
+        [light]\ntowards = [0.3, -0.6, 1]\n[leaf.block]\nbox = { min = [-1, 0, -1], max = [0, 1, 0] }\n\
+        [leaf.ball]\nsphere = { centre = [0.3, 0.3, -0.1], radius = 0.31 }\n";
+    let mut loaded = loaded(text);
+    let light = light_of(&loaded);
+    let found = difference(&lit(&mut loaded, As::Own), |_, _| 1.0, light, 0);
+    assert!(found.wrong == 0 && found.judged > 9_000, "{found:?}");
+}
+
 /// The light that a point gets, by a ray of the judge.
 fn by_ray(loaded: &LoadedScene) -> impl Fn(DVec3, &Boundary) -> f64 + use<> {
     let light = light_of(loaded);

@@ -98,18 +98,17 @@ fn receiver_of(at: vec2<u32>, record: LayerRecord) -> Receiver {
     let wanted = max(clamp(short, LEAST_SHARE * footprint, footprint), long / MOST_TEXELS);
     receiver.level = clamp(i32(floor(STEPS * log2(wanted))) - light.least_level, 0, i32(LEVELS) - 1);
     let texel = exp2(f32(receiver.level + light.least_level) / STEPS);
-    var from_eye = ray * record.depth;
-    if view.is_perspective == 0u {
-        from_eye += (view.right * aside.x + view.down * aside.y) * footprint;
-    }
-    let place = light.eye + on_grid(from_eye);
+    // A pixel of the picture is a footprint wide, whatever the lens.
+    let beside = (view.right * aside.x + view.down * aside.y) * footprint;
+    let place = light.at_depth + on_grid(view.forward * (record.depth - light.depth) + beside);
     receiver.at = place.xy / texel;
     receiver.depth = place.z;
     receiver.texel = texel;
     receiver.sides = vec4<f32>(a, b) / texel;
     let turned = on_grid(normal);
     receiver.normal = normalize(vec3<f32>(turned.xy, -max(sine, LEAST_SINE)));
-    receiver.tolerance = max(TOLERANCE * footprint / texel, 1.0);
+    let rounding = DEPTH_ROUNDING * record.depth * abs(along);
+    receiver.tolerance = max(max(TOLERANCE * footprint, rounding) / texel, 1.0);
     receiver.is_coarse = select(0u, 1u, texel > short);
     return receiver;
 }

@@ -39,6 +39,11 @@ use crate::space::Camera;
 /// find it within half a footprint, which is what sampling and tessellation leave (`--max-error`).
 pub(crate) const TOLERANCE: f64 = 1.0;
 
+/// A depth in 32 bits puts a boundary beside its surface by up to half an ulp along the ray, as a share of the depth. Four of these are
+/// the surface itself: one for the depth's own rounding, the rest for the steps by which a pipeline found it. It is more than a
+/// footprint where an orthographic eye is far away.
+pub(crate) const DEPTH_ROUNDING: f64 = 2.0 * f32::EPSILON as f64;
+
 /// Where light grazes, texels get no smaller than this share of a pixel: there is little light to lose.
 pub(crate) const LEAST_SHARE: f64 = 0.5;
 
@@ -202,7 +207,7 @@ impl<'a> Receivers<'a> {
             depth: at.z,
             sides: sides.map(|side| (side / texel).as_vec2()),
             normal: normal.as_vec3(),
-            tolerance: (TOLERANCE * footprint / texel).max(1.0) as f32,
+            tolerance: ((TOLERANCE * footprint).max(DEPTH_ROUNDING * depth * along.abs()) / texel).max(1.0) as f32,
             is_coarse: texel > short,
         })
     }

@@ -3,15 +3,15 @@
 //! *Practice.* The boundaries of a band tell, by size of texels, from where to where on the light's grid they ask; that much comes
 //! back to the CPU, and the pipeline draws these parts of the grid, block by block and halved where they are too large. Each part
 //! is asked by all boundaries of its size of texels, which add up what it keeps of their light. Nothing of the grid is kept for the
-//! next band. Places are found in 32 bits, from the eye: they are as exact as the depths
-//! that they are made of.
+//! next band. Places are found in 32 bits, from where the camera's axis passes the scene: they
+//! are as exact as the depths that they are made of.
 
 use std::cell::{Cell, RefCell};
 
 use super::view::{self, Band, Bound};
 use crate::composite::light_frames::LightFrames;
 use crate::composite::light_grid::{BLOCK_TILES, BlockView, LEVELS, LightBlock, LightGrid, SIDE, STEPS};
-use crate::composite::shadow::{LEAST_SHARE, LEAST_SINE, MOST_TEXELS, PER_REACH, TOLERANCE};
+use crate::composite::shadow::{DEPTH_ROUNDING, LEAST_SHARE, LEAST_SINE, MOST_TEXELS, PER_REACH, TOLERANCE};
 use crate::gpu::layers::{GpuLayerSource, LayerRecord, in_parts};
 use crate::gpu::shader::Shader;
 use crate::gpu::{Gpu, GpuError};
@@ -34,10 +34,10 @@ gpu_struct! {
         forward: [f32; 3],
         /// The power of √2 that the side of the finest texel is.
         least_level: i32,
-        /// Where the camera is on the grid, world units.
-        eye: [f32; 3],
-        /// Fills the row.
-        unused: u32,
+        /// Where on the grid the middle of the picture is at `depth`, world units.
+        at_depth: [f32; 3],
+        /// That of the grid's middle, seen from the camera.
+        depth: f32,
     }
 }
 
@@ -194,6 +194,9 @@ impl<'a> Shadows<'a> {
 
     fn view_of(&self, camera: &Camera) -> LightView {
         let LightGrid { right, down, forward, .. } = self.grid;
+        // From there on lengths are those of the scene, however far away the eye is.
+        let depth = camera.view_from_world(self.grid.centre()).z as f32;
+        let at_depth = self.grid.on_grid(camera.eye + camera.forward * f64::from(depth));
         LightView {
             right: right.as_vec3().to_array(),
             opacity: self.opacity,
@@ -201,8 +204,8 @@ impl<'a> Shadows<'a> {
             strength: self.strength,
             forward: forward.as_vec3().to_array(),
             least_level: self.grid.least_level(),
-            eye: self.grid.on_grid(camera.eye).as_vec3().to_array(),
-            unused: 0,
+            at_depth: at_depth.as_vec3().to_array(),
+            depth,
         }
     }
 
@@ -231,6 +234,7 @@ impl<'a> Shadows<'a> {
 pub(super) fn shader() -> Shader {
     view::shader("shadow")
         .with_constant("TOLERANCE", TOLERANCE as f32)
+        .with_constant("DEPTH_ROUNDING", DEPTH_ROUNDING as f32)
         .with_constant("LEAST_SHARE", LEAST_SHARE as f32)
         .with_constant("LEAST_SINE", LEAST_SINE as f32)
         .with_constant("PER_REACH", PER_REACH)
