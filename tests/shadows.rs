@@ -64,11 +64,18 @@ fn lit(loaded: &mut LoadedScene, drawn_as: As) -> Lit {
         Some(Box::new(model.frame(light, LayerLimit::All, 1)))
     };
     let shares = Shadows::new(&mut map, 1.0, &draw, &|work| work()).on(stack.tiles(), &camera, 1);
+    let towards_light = light_of(loaded);
     let mut light = vec![f32::NAN; (camera.width * camera.height) as usize];
     for (tile, shares) in stack.tiles().iter().zip(shares) {
         for (pixel, of_pixel) in tile.offsets.windows(2).enumerate().filter(|(_, of_pixel)| of_pixel[0] < of_pixel[1]) {
             let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-            light[((tile.rect.y0 + y) * camera.width + tile.rect.x0 + x) as usize] = shares[of_pixel[0] as usize];
+            let (x, y) = (tile.rect.x0 + x, tile.rect.y0 + y);
+            let first = of_pixel[0] as usize;
+            // What looks away from the light gets none, whether or not anything keeps it off.
+            let normal = tile.boundaries[first].normal.as_dvec3();
+            let along = normal.dot(camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).dir);
+            let looks_away = normal.dot(towards_light) * along >= 0.0;
+            light[(y * camera.width + x) as usize] = if looks_away { 0.0 } else { shares[first] };
         }
     }
     Lit { stack, light }

@@ -76,14 +76,14 @@ fn middle_of(mask: u32) -> vec2<f32> {
     return sum / f32(countOneBits(seen));
 }
 
-// A boundary as a receiver of light; without a level where the light does not fall on it.
+// A boundary as a receiver of light; without a level where it looks away from the light.
 fn receiver_of(at: vec2<u32>, record: LayerRecord) -> Receiver {
     var receiver: Receiver;
     receiver.level = -1;
     let aside = vec2<f32>(at) - view.middle + (middle_of(record.samples) - 0.5);
     let ray = view.forward + (view.right * aside.x + view.down * aside.y) * view.tangent;
-    // The side that is lit is the one that is seen.
-    let normal = select(record.normal, -record.normal, dot(record.normal, ray) > 0.0);
+    // The side that is lit is the one that is seen, from the pixel's middle as in shaded.wgsl.
+    let normal = select(record.normal, -record.normal, dot(record.normal, ray_at(at)) > 0.0);
     let sine = -dot(normal, light.forward);
     if !(sine > 0.0) {
         return receiver;

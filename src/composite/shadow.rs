@@ -109,7 +109,7 @@ impl<'a> Shadows<'a> {
             let receivers = Receivers::new(map.grid(), camera, samples);
             let strength = self.strength;
             let share = |receiver: Option<Receiver>| {
-                receiver.map_or(0.0, |receiver| 1.0 - strength * (1.0 - receiver.light(map)))
+                receiver.map_or(1.0, |receiver| 1.0 - strength * (1.0 - receiver.light(map)))
             };
             let of_tile = |tile: &LayerTile| {
                 let mut of_tile = Vec::with_capacity(tile.boundaries.len());
@@ -135,7 +135,8 @@ impl<'a> Receivers<'a> {
         Self { grid, camera, samples: samples.clamp(1, MAX_SAMPLES) }
     }
 
-    /// Calls `with` for each boundary of `tile`, in their order; `None` is one that the light does not fall on.
+    /// Calls `with` for each boundary of `tile`, in their order; `None` is one that looks away from the light, which lights none of it
+    /// without any shadow: all of nothing arrives.
     fn each(&self, tile: &LayerTile, mut with: impl FnMut(Option<Receiver>)) {
         for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
             let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
@@ -176,11 +177,12 @@ impl<'a> Receivers<'a> {
 
     fn receiver(&self, x: u32, y: u32, boundary: &Boundary) -> Option<Receiver> {
         let Self { grid, camera, .. } = self;
-        let ray = camera.ray(DVec2::new(f64::from(x), f64::from(y)) + self.middle(boundary.samples));
+        let corner = DVec2::new(f64::from(x), f64::from(y));
+        let ray = camera.ray(corner + self.middle(boundary.samples));
         let depth = f64::from(boundary.depth);
-        // The side that is lit is the one that is seen.
+        // The side that is lit is the one that is seen, from the pixel's middle as in `lighting`.
         let normal = boundary.normal.as_dvec3();
-        let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let normal = if normal.dot(camera.ray(corner + 0.5).dir) > 0.0 { -normal } else { normal };
         let sine = normal.dot(grid.towards());
         if !(sine > 0.0) {
             return None;
