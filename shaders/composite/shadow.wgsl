@@ -128,19 +128,22 @@ fn receive(thread: Thread) {
             let shape = shape_of(receiver.sides.xy, receiver.sides.zw);
             let first = first_texel(receiver.at, shape.reach);
             let last = last_texel(receiver.at, shape.reach);
-            var all = 0.0;
+            var whole = 0.0;
             for (var y = first.y; y <= last.y; y++) {
                 for (var x = first.x; x <= last.x; x++) {
-                    all += weight_of(shape, vec2<f32>(vec2<i32>(x, y)) + 0.5 - receiver.at);
+                    whole += weight_of(shape, vec2<f32>(vec2<i32>(x, y)) + 0.5 - receiver.at);
                 }
             }
-            receiver.per_weight = select(0.0, 1.0 / all, all > 0.0);
+            receiver.per_weight = select(0.0, 1.0 / whole, whole > 0.0);
             let row = u32(receiver.level) * 4u;
             atomicMin(&asked[row], first.x);
             atomicMin(&asked[row + 1u], first.y);
             atomicMax(&asked[row + 2u], last.x);
             atomicMax(&asked[row + 3u], last.y);
-            atomicAdd(&asked[LEVELS * 4u], i32(receiver.is_coarse));
+            // What is around the band's own pixels is another band's to count.
+            if all(at >= light.counted.xy) && all(at - light.counted.xy < light.counted.zw) {
+                atomicAdd(&asked[LEVELS * 4u], i32(receiver.is_coarse));
+            }
         }
         receivers[i] = receiver;
     }

@@ -87,23 +87,29 @@ impl<'a> Shadows<'a> {
     }
 
     /// For each of the tiles `which` of `strip` the share of the light that reaches its boundaries, in their order. Other tiles
-    /// have an empty list.
+    /// have an empty list. The tiles around the strip's own are another strip's to count.
     pub(super) fn of_strip(&self, strip: &Strip, which: Range<usize>, camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
         let mut shares = vec![Vec::new(); strip.tiles.len()];
-        shares.splice(which.clone(), self.on(&strip.tiles[which], camera, samples));
+        let own = strip.own.start.saturating_sub(which.start)..strip.own.end.saturating_sub(which.start);
+        shares.splice(which.clone(), self.on_counting(&strip.tiles[which], own, camera, samples));
         shares
     }
 
     /// The share of the light that reaches each boundary of `tiles`, which `camera` sees with `samples` samples a pixel.
     pub fn on(&self, tiles: &[LayerTile], camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
+        self.on_counting(tiles, 0..tiles.len(), camera, samples)
+    }
+
+    /// The same, where only the boundaries of the tiles `counted` are counted.
+    fn on_counting(&self, tiles: &[LayerTile], counted: Range<usize>, camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
         let mut shares = Vec::new();
         let mut pass = || {
             let mut map = self.map.borrow_mut();
             let receivers = Receivers::new(map.grid(), camera, samples);
-            let coarse = &self.coarse;
-            let wanted: Vec<BTreeSet<LightTile>> =
-                tiles.par_iter().map(|tile| receivers.wanted(tile, coarse)).collect();
-            let wanted = wanted.into_iter().flatten().collect();
+            let wanted: Vec<(BTreeSet<LightTile>, u64)> = tiles.par_iter().map(|tile| receivers.wanted(tile)).collect();
+            let coarse = wanted[counted.clone()].iter().map(|(_, coarse)| coarse).sum();
+            self.coarse.fetch_add(coarse, Ordering::Relaxed);
+            let wanted = wanted.into_iter().flat_map(|(wanted, _)| wanted).collect();
             map.ask(&wanted, &mut self.frames.borrow_mut(), self.draw);
             let map = &**map;
             let receivers = Receivers::new(map.grid(), camera, samples);
@@ -146,12 +152,12 @@ impl<'a> Receivers<'a> {
         }
     }
 
-    /// The tiles of the light's grid that the boundaries of `tile` ask for; adds those that are coarse to `coarse`.
-    fn wanted(&self, tile: &LayerTile, coarse: &AtomicU64) -> BTreeSet<LightTile> {
-        let (mut wanted, mut last, mut count) = (BTreeSet::new(), None, 0);
+    /// The tiles of the light's grid that the boundaries of `tile` ask for, and how many of these are coarse.
+    fn wanted(&self, tile: &LayerTile) -> (BTreeSet<LightTile>, u64) {
+        let (mut wanted, mut last, mut coarse) = (BTreeSet::new(), None, 0);
         self.each(tile, |receiver| {
             let Some(receiver) = receiver else { return };
-            count += u64::from(receiver.is_coarse);
+            coarse += u64::from(receiver.is_coarse);
             let [low, high] = receiver.texels(receiver.shape().reach).map(|[x, y]| LightTile::of(receiver.level, x, y));
             // Neighbours ask for the same.
             if last != Some([low, high]) {
@@ -160,8 +166,7 @@ impl<'a> Receivers<'a> {
                 wanted.extend((low.x..=high.x).flat_map(column));
             }
         });
-        coarse.fetch_add(count, Ordering::Relaxed);
-        wanted
+        (wanted, coarse)
     }
 
     /// Where in the pixel the samples of `mask` are, on average.
@@ -326,6 +331,9 @@ impl Shape {
 mod tests {
     use super::super::light_grid::STEPS as SIZES;
     use super::*;
+    use crate::layers::{Facing, LayerStack};
+    use crate::scene::framing::Bounds;
+    use crate::space::Lens;
 
     /// A pixel with these sides, in texels, `x` right of the grid's origin.
     fn receiver(sides: [Vec2; 2], x: f64) -> Receiver {
@@ -391,6 +399,34 @@ mod tests {
             let (share, count) = left_of_origin(sides, 0.0);
             assert!((0.0..=1.0).contains(&share) && count < 400, "{sides:?}: {count}");
         }
+    }
+
+    #[test]
+    fn what_is_coarse_is_counted_for_the_tiles_that_are_to_be_counted() {
+        // Four tiles of a plane that the light hardly touches: its pixels are thinner than any texel may be.
+        let lens = Lens::Height(2.0);
+        let camera = Camera::look_at(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, lens, SIDE, 4 * SIDE).unwrap();
+        let plane = Boundary {
+            depth: 4.0,
+            normal: Vec3::Z,
+            colour: [1.0; 3],
+            opacity: 1.0,
+            leaf: 0,
+            body: 0,
+            facing: Facing::Front,
+            samples: 1,
+        };
+        let stack = LayerStack::from_fn(camera.clone(), 1, |_, _| vec![plane]);
+        let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::ONE };
+        let count = |tiles: Range<usize>| {
+            let mut map = LightMap::new(LightGrid::new(DVec3::new(1.0, 0.0, 0.05), &bounds), 1.0);
+            let shadows = Shadows::new(&mut map, 1.0, &|_| None, &|work| work());
+            let shares = shadows.on_counting(stack.tiles(), tiles, &camera, 1);
+            assert!(shares.iter().flatten().all(|share| *share == 1.0));
+            shadows.coarse()
+        };
+        let of_tile = u64::from(SIDE * SIDE);
+        assert_eq!((count(0..4), count(1..3), count(0..0)), (4 * of_tile, 2 * of_tile, 0));
     }
 
     #[test]

@@ -38,6 +38,8 @@ gpu_struct! {
         at_depth: [f32; 3],
         /// That of the grid's middle, seen from the camera.
         depth: f32,
+        /// The pixels whose boundaries are counted: first column and row, and how many of each.
+        counted: [u32; 4],
     }
 }
 
@@ -141,7 +143,7 @@ impl<'a> Shadows<'a> {
         let none: [i32; 4] = [i32::MAX, i32::MAX, i32::MIN, i32::MIN];
         let nothing: Vec<i32> = none.into_iter().cycle().take(4 * LEVELS as usize).chain([0]).collect();
         let asked = gpu.upload("texels asked for", &nothing)?;
-        let light = gpu.uniform("light", &self.view_of(camera));
+        let light = gpu.uniform("light", &self.view_of(camera, band.part));
         let places = sample_offsets(samples).iter().map(|place| place.as_vec2().to_array());
         let places = gpu.upload("places of samples", &places.collect::<Vec<_>>())?;
         let run = |entry: &'static str, buffers: &[Bound]| {
@@ -156,7 +158,6 @@ impl<'a> Shadows<'a> {
         let of_band = [(1, &layers.offsets), (3, &light), (4, &receivers)];
         run("receive", &[&of_band[..], &[(2, &layers.records), (5, &asked), (6, &places)]].concat());
         let asked: Vec<i32> = gpu.download(&asked, nothing.len())?;
-        self.coarse.set(self.coarse.get() + asked[4 * LEVELS as usize] as u64);
         let mut asked_of = Vec::new();
         for (level, range) in asked.chunks_exact(4).enumerate().take(LEVELS as usize) {
             let &[x0, y0, x1, y1] = range else { continue };
@@ -189,10 +190,13 @@ impl<'a> Shadows<'a> {
                 Ok(())
             })?;
         }
+        // Not before: a band that is too large comes again in parts.
+        self.coarse.set(self.coarse.get() + asked[4 * LEVELS as usize] as u64);
         Ok(kept_off)
     }
 
-    fn view_of(&self, camera: &Camera) -> LightView {
+    /// For `camera`; what it sees in `part` is counted.
+    fn view_of(&self, camera: &Camera, part: PixelRect) -> LightView {
         let LightGrid { right, down, forward, .. } = self.grid;
         // From there on lengths are those of the scene, however far away the eye is.
         let depth = camera.view_from_world(self.grid.centre()).z as f32;
@@ -206,6 +210,7 @@ impl<'a> Shadows<'a> {
             least_level: self.grid.least_level(),
             at_depth: at_depth.as_vec3().to_array(),
             depth,
+            counted: [part.x0, part.y0, part.width(), part.height()],
         }
     }
 
