@@ -433,6 +433,10 @@ impl Drawing<'_> {
         let mut times: Vec<Times> = Vec::new();
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
+            // A light that stays where it is sees the same again.
+            if let Some(pass) = self.shadows {
+                pass.forget();
+            }
             let watch = Stopwatch::start();
             match self.of_device(&turned)? {
                 Some(picture) => drop(std::hint::black_box(picture)),

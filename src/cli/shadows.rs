@@ -66,6 +66,11 @@ impl ShadowPass {
         self.map = RefCell::default();
     }
 
+    /// Forgets what the light saw: the next picture is to be drawn as if it were the first.
+    pub fn forget(&self) {
+        self.map.replace(None);
+    }
+
     /// Calls `draw` with the shadows that `camera` sees.
     pub fn with<T>(
         &self,
