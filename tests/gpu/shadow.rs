@@ -168,7 +168,7 @@ fn the_comparison_of_shadows_can_fail(gpu: &'static Gpu) {
     let source = Uploaded(model.frame(&camera, LayerLimit::All, 1));
     let draw =
         |light: &Camera| -> Box<dyn GpuLayerSource + '_> { Box::new(Uploaded(model.frame(light, LayerLimit::All, 1))) };
-    // Three degrees beside.
+    // Two degrees beside.
     let beside = Light { towards: loaded.scene.light.towards + DVec3::new(0.0, 0.0, 0.08), ..loaded.scene.light };
     let got = on_gpu(gpu, &loaded, &source, &style, &beside, &draw);
     let (all, flat) = different(&got, &wanted);
