@@ -472,9 +472,14 @@ fn open_and_inside_out_meshes_are_drawn_and_named() {
     assert!(json["warnings"].to_string().contains("inside-out"));
     // From the side that is open rays leave without having entered; from behind, through two faces, some do not either.
     for pipeline in ["auto", "mesh"] {
-        let (told, json) = run(&format!("open.obj --eye 3,3.2,2.9 --target 0.2,0.2,0.2 --pipeline {pipeline}"));
+        let line = format!("open.obj --eye 3,3.2,2.9 --target 0.2,0.2,0.2 --pipeline {pipeline}");
+        let (told, json) = run(&line);
         let undecided = json["counts"]["undecided_pixels"].as_u64().unwrap();
         assert!(undecided > 100, "{undecided}");
+        // What the light sees for shadows is no pixel of the picture.
+        let (_, json) = run(&format!("{line} --shadows"));
+        assert!(json["counts"]["shadow_texels"].as_u64().unwrap() > 0);
+        assert_eq!(json["counts"]["undecided_pixels"].as_u64(), Some(undecided));
         assert!(
             told.contains("the mesh of leaf `open` is open") && told.contains(&format!("{undecided} pixels")),
             "{told}"

@@ -27,37 +27,29 @@ fn cross_of(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.y - a.y * b.x;
 }
 
-// How a pixel's parallelogram lies on the texels: x and y are its sides' shares u and v.
+// How a pixel lies on the texels.
 struct Shape {
-    u: vec2<f32>,
-    v: vec2<f32>,
-    // Half of what a texel covers of u and of v.
-    halves: vec2<f32>,
-    // How far from the pixel's middle texels still cover a part of it.
+    // The factors of x², xy and y² in the square of how far a texel is, as a share of the way to where texels end to count.
+    shrink: vec3<f32>,
+    // How far from the pixel's middle texels still count.
     reach: vec2<f32>,
 }
 
-fn shape_of(a: vec2<f32>, side: vec2<f32>) -> Shape {
-    var b = side;
-    let width = LEAST_WIDTH * max(max(length(a), length(b)), 1.0);
-    let thin = cross_of(a, b);
-    if abs(thin) < width {
-        b += vec2<f32>(-a.y, a.x) / max(length(a), TINY) * select(-width, width, thin >= 0.0);
-    }
-    let det = cross_of(a, b);
+fn shape_of(a: vec2<f32>, b: vec2<f32>) -> Shape {
+    let spread = vec3<f32>(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y) + vec3<f32>(1.0, 0.0, 1.0);
+    let skew = cross_of(a, b);
+    let det = spread.x + spread.z - 1.0 + skew * skew;
     var shape: Shape;
-    shape.u = vec2<f32>(b.y, -b.x) / det;
-    shape.v = vec2<f32>(-a.y, a.x) / det;
-    shape.halves = 0.5 * vec2<f32>(abs(shape.u.x) + abs(shape.u.y), abs(shape.v.x) + abs(shape.v.y));
-    shape.reach = (shape.halves.x + 0.5) * abs(a) + (shape.halves.y + 0.5) * abs(b);
+    shape.shrink = vec3<f32>(spread.z, -2.0 * spread.y, spread.x) * (PER_REACH / det);
+    shape.reach = sqrt(spread.xz / PER_REACH);
     return shape;
 }
 
-// How much of the pixel a texel covers whose middle is `from_here`.
+// How much a texel counts whose middle is `from_here`.
 fn weight_of(shape: Shape, from_here: vec2<f32>) -> f32 {
-    let places = vec2<f32>(dot(shape.u, from_here), dot(shape.v, from_here));
-    let shares = clamp((0.5 + shape.halves - abs(places)) / (2.0 * shape.halves), vec2<f32>(0.0), vec2<f32>(1.0));
-    return shares.x * shares.y;
+    let squares = vec3<f32>(from_here.x * from_here.x, from_here.x * from_here.y, from_here.y * from_here.y);
+    let within = max(1.0 - dot(shape.shrink, squares), 0.0);
+    return within * within;
 }
 
 fn first_texel(at: vec2<f32>, reach: vec2<f32>) -> vec2<i32> {
@@ -84,14 +76,14 @@ fn middle_of(mask: u32) -> vec2<f32> {
     return sum / f32(countOneBits(seen));
 }
 
-// A boundary as a receiver of light; without a level where the light does not fall on it.
+// A boundary as a receiver of light; without a level where it looks away from the light.
 fn receiver_of(at: vec2<u32>, record: LayerRecord) -> Receiver {
     var receiver: Receiver;
     receiver.level = -1;
     let aside = vec2<f32>(at) - view.middle + (middle_of(record.samples) - 0.5);
     let ray = view.forward + (view.right * aside.x + view.down * aside.y) * view.tangent;
-    // The side that is lit is the one that is seen.
-    let normal = select(record.normal, -record.normal, dot(record.normal, ray) > 0.0);
+    // The side that is lit is the one that is seen, from the pixel's middle as in shaded.wgsl.
+    let normal = select(record.normal, -record.normal, dot(record.normal, ray_at(at)) > 0.0);
     let sine = -dot(normal, light.forward);
     if !(sine > 0.0) {
         return receiver;
@@ -106,18 +98,17 @@ fn receiver_of(at: vec2<u32>, record: LayerRecord) -> Receiver {
     let wanted = max(clamp(short, LEAST_SHARE * footprint, footprint), long / MOST_TEXELS);
     receiver.level = clamp(i32(floor(STEPS * log2(wanted))) - light.least_level, 0, i32(LEVELS) - 1);
     let texel = exp2(f32(receiver.level + light.least_level) / STEPS);
-    var from_eye = ray * record.depth;
-    if view.is_perspective == 0u {
-        from_eye += (view.right * aside.x + view.down * aside.y) * footprint;
-    }
-    let place = light.eye + on_grid(from_eye);
+    // A pixel of the picture is a footprint wide, whatever the lens.
+    let beside = (view.right * aside.x + view.down * aside.y) * footprint;
+    let place = light.at_depth + on_grid(view.forward * (record.depth - light.depth) + beside);
     receiver.at = place.xy / texel;
     receiver.depth = place.z;
     receiver.texel = texel;
     receiver.sides = vec4<f32>(a, b) / texel;
     let turned = on_grid(normal);
     receiver.normal = normalize(vec3<f32>(turned.xy, -max(sine, LEAST_SINE)));
-    receiver.tolerance = max(TOLERANCE * footprint / texel, 1.0);
+    let rounding = DEPTH_ROUNDING * record.depth * abs(along);
+    receiver.tolerance = max(max(TOLERANCE * footprint, rounding) / texel, 1.0);
     receiver.is_coarse = select(0u, 1u, texel > short);
     return receiver;
 }
@@ -137,19 +128,22 @@ fn receive(thread: Thread) {
             let shape = shape_of(receiver.sides.xy, receiver.sides.zw);
             let first = first_texel(receiver.at, shape.reach);
             let last = last_texel(receiver.at, shape.reach);
-            var all = 0.0;
+            var whole = 0.0;
             for (var y = first.y; y <= last.y; y++) {
                 for (var x = first.x; x <= last.x; x++) {
-                    all += weight_of(shape, vec2<f32>(vec2<i32>(x, y)) + 0.5 - receiver.at);
+                    whole += weight_of(shape, vec2<f32>(vec2<i32>(x, y)) + 0.5 - receiver.at);
                 }
             }
-            receiver.per_weight = select(0.0, 1.0 / all, all > 0.0);
+            receiver.per_weight = select(0.0, 1.0 / whole, whole > 0.0);
             let row = u32(receiver.level) * 4u;
             atomicMin(&asked[row], first.x);
             atomicMin(&asked[row + 1u], first.y);
             atomicMax(&asked[row + 2u], last.x);
             atomicMax(&asked[row + 3u], last.y);
-            atomicAdd(&asked[LEVELS * 4u], i32(receiver.is_coarse));
+            // What is around the band's own pixels is another band's to count.
+            if all(at >= light.counted.xy) && all(at - light.counted.xy < light.counted.zw) {
+                atomicAdd(&asked[LEVELS * 4u], i32(receiver.is_coarse));
+            }
         }
         receivers[i] = receiver;
     }

@@ -30,7 +30,8 @@ pub fn run(args: &CompareArgs, session: &Session) -> anyhow::Result<u8> {
     let camera = input::camera(&loaded, &args.view.camera)?;
     memory::check(&camera, Held::COMPARISON)?;
     // All boundaries unless asked otherwise: how many there are is one of the measures.
-    let frame = FrameArgs { samples: args.view.samples, limit: args.view.layers.unwrap_or(LayerLimit::All) };
+    let limit = args.view.layers.unwrap_or(LayerLimit::All);
+    let frame = FrameArgs { samples: args.view.samples, limit, is_picture: true };
     let with = PipelineArgs {
         pipeline: args.with,
         clip: args.with_clip,

@@ -74,6 +74,8 @@ pub struct FrameArgs {
     pub samples: u32,
     /// Which boundaries.
     pub limit: LayerLimit,
+    /// Whether the pixels are those of a picture, and what befalls them is to be told.
+    pub is_picture: bool,
 }
 
 /// The engine that the flags ask for. `camera` is the first to be drawn from: sampling goes by its pixels. `has_device` tells whether a
@@ -304,7 +306,7 @@ impl Engine for SplatEngine {
     }
 
     fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         let frame = |model, partners| -> Box<dyn LayerSource + '_> {
             Box::new(Frame::new(model, camera.clone(), limit, samples, self.settings, partners))
         };
@@ -342,7 +344,7 @@ impl Engine for SplatEngine {
             let _ = self.uploaded.set((uploaded, clipping));
         }
         let (uploaded, clipping) = self.uploaded.get().expect("it was just uploaded");
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, clipping.as_ref());
         Ok(Box::new(frame.map_err(refused)?))
     }
@@ -446,15 +448,16 @@ impl Engine for HybridEngine {
     }
 
     fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = frame;
-        fn boxed<'m>(source: impl LayerSource + 'm) -> Box<dyn LayerSource + 'm> {
-            Box::new(source)
+        fn boxed<'m>(model: &'m HybridModel, camera: &Camera, frame: FrameArgs) -> Box<dyn LayerSource + 'm> {
+            let FrameArgs { samples, limit, is_picture } = frame;
+            let frame = if is_picture { HybridModel::frame } else { HybridModel::frame_aside };
+            Box::new(frame(model, camera, limit, samples))
         }
+        let samples = frame.samples;
+        let frame = |model| boxed(model, camera, frame);
         Ok(match &self.parts {
-            None => boxed(self.model.frame(camera, limit, samples)),
-            Some(parts) => {
-                merged(camera, samples, parts.iter().map(|part| boxed(part.frame(camera, limit, samples))).collect())
-            }
+            None => frame(&self.model),
+            Some(parts) => merged(camera, samples, parts.iter().map(frame).collect()),
         })
     }
 
@@ -481,7 +484,7 @@ impl Engine for HybridEngine {
             let _ = self.uploaded.set(uploaded);
         }
         let uploaded = self.uploaded.get().expect("it was just uploaded");
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         Ok(Box::new(uploaded.frame(&self.model, camera, limit, samples).map_err(refused)?))
     }
 
@@ -533,7 +536,7 @@ impl Engine for MeshEngine {
     }
 
     fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         let frame =
             |model| -> Box<dyn LayerSource + '_> { Box::new(MeshFrame::new(model, camera.clone(), limit, samples)) };
         Ok(match &self.parts {
@@ -549,7 +552,7 @@ impl Engine for MeshEngine {
         camera: &Camera,
         frame: FrameArgs,
     ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         if self.parts.is_some() {
             return Err(BackendError::NotThere("--union products".to_owned()));
         }
@@ -617,7 +620,7 @@ impl Engine for ReferenceEngine {
     }
 
     fn frame_with(&self, camera: &Camera, frame: FrameArgs) -> anyhow::Result<Box<dyn LayerSource + '_>> {
-        let FrameArgs { samples, limit } = frame;
+        let FrameArgs { samples, limit, .. } = frame;
         let frame = |tree: &Tree| -> anyhow::Result<Box<dyn LayerSource + '_>> {
             let reference = Reference::new(self.leaves.clone(), tree.clone(), camera.clone(), samples, limit)?;
             Ok(Box::new(reference))

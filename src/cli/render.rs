@@ -249,7 +249,7 @@ pub fn frame_args(view: &ViewArgs, loaded: &LoadedScene, style: &Style, wants_la
     } else {
         LayerLimit::Nearest
     };
-    FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open) }
+    FrameArgs { samples: view.samples, limit: view.layers.unwrap_or(open), is_picture: true }
 }
 
 pub fn describe(
@@ -433,6 +433,10 @@ impl Drawing<'_> {
         let mut times: Vec<Times> = Vec::new();
         for turn in 0..=repeats {
             let turned = turned(camera, centre, f64::from(turn))?;
+            // A light that stays where it is sees the same again.
+            if let Some(pass) = self.shadows {
+                pass.forget();
+            }
             let watch = Stopwatch::start();
             match self.of_device(&turned)? {
                 Some(picture) => drop(std::hint::black_box(picture)),

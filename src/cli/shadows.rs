@@ -54,7 +54,7 @@ impl ShadowPass {
             light: loaded.scene.light,
             strength,
             opacity,
-            frame: FrameArgs { samples: 1, limit },
+            frame: FrameArgs { samples: 1, limit, is_picture: false },
             bounds: loaded.drawn_within(|_| Motion::REST),
             map: RefCell::default(),
         })
@@ -64,6 +64,11 @@ impl ShadowPass {
     pub fn moved(&mut self, bounds: Bounds) {
         self.bounds = bounds;
         self.map = RefCell::default();
+    }
+
+    /// Forgets what the light saw: the next picture is to be drawn as if it were the first.
+    pub fn forget(&self) {
+        self.map.replace(None);
     }
 
     /// Calls `draw` with the shadows that `camera` sees.

@@ -106,6 +106,11 @@ impl LightGrid {
         -self.forward
     }
 
+    /// The middle of what throws shadows, world space.
+    pub(crate) fn centre(&self) -> DVec3 {
+        self.centre
+    }
+
     /// `p_in_world` on the grid: world units from the origin along columns and rows, and the depth that the light's cameras see.
     pub(crate) fn on_grid(&self, p_in_world: DVec3) -> DVec3 {
         self.rotated(p_in_world - self.centre) + DVec3::new(0.0, 0.0, self.half.z)

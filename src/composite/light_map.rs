@@ -6,10 +6,12 @@
 //! drawn again if they are missed. A tile is the same bits whenever it is drawn.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::convert::Infallible;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::light_frames::LightFrames;
 use super::light_grid::{BlockView, LightBlock, LightGrid, LightTile, SIDE};
 use crate::layers::{LayerSource, LayerTile};
 use crate::space::{Camera, PixelRect};
@@ -62,6 +64,11 @@ impl CasterTile {
             }
             offsets.push(casters.len() as u32);
         }
+        if casters.is_empty() {
+            return Self::default();
+        }
+        // A tile is kept for long, and most have much less in them than a caster a texel.
+        casters.shrink_to_fit();
         Self { offsets, casters }
     }
 
@@ -76,7 +83,7 @@ impl CasterTile {
     }
 
     fn bytes(&self) -> usize {
-        size_of_val(&self.offsets[..]) + size_of_val(&self.casters[..])
+        self.offsets.capacity() * size_of::<u32>() + self.casters.capacity() * size_of::<Caster>()
     }
 }
 
@@ -102,8 +109,8 @@ pub struct LightMap {
 /// that failed, of which the caller knows more: nothing then throws shadows.
 pub type DrawLight<'a> = dyn Fn(&Camera) -> Option<Box<dyn LayerSource + 'a>> + 'a;
 
-/// Frames that are ready, by block; `None` for a block where nothing is.
-pub(super) type Frames<'a> = HashMap<LightBlock, Option<(BlockView, Box<dyn LayerSource + 'a>)>>;
+/// Frames that are ready; `None` for a block where nothing is.
+pub(super) type Frames<'a> = LightFrames<Option<(BlockView, Box<dyn LayerSource + 'a>)>>;
 
 impl LightMap {
     /// Nothing of `grid` yet. Surfaces stop the light by their opacities times `opacity`.
@@ -142,13 +149,15 @@ impl LightMap {
                 None => missing.entry(tile.block()).or_default().push(*tile),
             }
         }
+        let mut missing: Vec<(LightBlock, Vec<LightTile>)> = missing.into_iter().collect();
+        missing.sort_by_key(|(block, _)| !frames.is_ready(*block));
         for (block, tiles) in missing {
-            let frame = frames.entry(block).or_insert_with(|| {
+            let prepare = || {
                 let view = self.grid.view(block)?;
                 let source = draw(&view.camera)?;
                 Some((view, source))
-            });
-            let Some((view, source)) = frame else { continue };
+            };
+            let Ok(Some((view, source))) = frames.get(block, || Ok::<_, Infallible>(prepare())) else { continue };
             let drawn: Vec<(LightTile, CasterTile)> = tiles
                 .into_par_iter()
                 .filter_map(|tile| {
@@ -192,4 +201,43 @@ fn rect_of(tile: LightTile, view: &BlockView) -> Option<PixelRect> {
     let (x0, x1) = place(tile.x, view.corner[0], view.camera.width)?;
     let (y0, y1) = place(tile.y, view.corner[1], view.camera.height)?;
     Some(PixelRect { x0, y0, x1, y1 })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::layers::{Boundary, Facing, LayerStack};
+    use crate::scene::framing::Bounds;
+
+    fn tile(is_there: impl Fn(u32, u32) -> bool + Sync, opacity: f32) -> CasterTile {
+        let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::ONE };
+        let grid = LightGrid::new(DVec3::Z, &bounds);
+        let mut camera = grid.view(LightBlock { level: -8, x: 0, y: 0 }).unwrap().camera;
+        (camera.width, camera.height) = (SIDE, SIDE);
+        let normal = Vec3::Z;
+        let surface = Boundary {
+            depth: 1.0,
+            normal,
+            colour: [1.0; 3],
+            opacity,
+            leaf: 0,
+            body: 0,
+            facing: Facing::Front,
+            samples: 1,
+        };
+        let stack = LayerStack::from_fn(camera, 1, |x, y| if is_there(x, y) { vec![surface] } else { Vec::new() });
+        CasterTile::new(&stack.tiles()[0], &grid, 1.0)
+    }
+
+    #[test]
+    fn a_tile_takes_what_is_in_it() {
+        let of_offsets = (SIDE * SIDE + 1) as usize * size_of::<u32>();
+        let one = tile(|x, y| (x, y) == (3, 5), 1.0);
+        assert_eq!(one.bytes(), of_offsets + size_of::<Caster>());
+        assert_eq!((one.at(3, 5).len(), one.at(5, 3).len()), (1, 0));
+        assert_eq!(tile(|_, _| true, 1.0).bytes(), of_offsets + (SIDE * SIDE) as usize * size_of::<Caster>());
+        assert_eq!((tile(|_, _| true, 0.0).bytes(), tile(|_, _| false, 1.0).bytes()), (0, 0));
+    }
 }

@@ -11,6 +11,7 @@ pub(crate) mod facets;
 pub(crate) mod layered;
 pub mod legend;
 mod lettering;
+pub(crate) mod light_frames;
 pub mod light_grid;
 pub mod light_map;
 pub mod lighting;

@@ -15,8 +15,9 @@
 //! *Practice.* A texel is no larger than the pixel that asks, seen from the light ([`LightGrid`] has texels of every size), but
 //! not below half of the pixel's own size where light grazes, nor so small that a pixel at a grazing angle of view has more than
 //! some hundreds: [`Shadows::coarse`] counts the boundaries where these two rules leave texels larger. A pixel's light is the mean over
-//! the texels that its part of the tangent plane covers, each by the share covered (percentage-closer filtering; Reeves, Salesin
-//! and Cook 1987), so that edges have neither steps nor the grain of random samples. A boundary that some samples of a pixel see asks from the middle of those. The light's own cameras take one sample a
+//! the texels about its part of the tangent plane (percentage-closer filtering; Reeves, Salesin and Cook 1987), each weighted by an
+//! ellipse of the same covariance (as textures are by Heckbert 1989), so that edges have neither steps nor the grain of random
+//! samples. A boundary that some samples of a pixel see asks from the middle of those. The light's own cameras take one sample a
 //! texel.
 
 use std::cell::RefCell;
@@ -38,6 +39,11 @@ use crate::space::Camera;
 /// find it within half a footprint, which is what sampling and tessellation leave (`--max-error`).
 pub(crate) const TOLERANCE: f64 = 1.0;
 
+/// A depth in 32 bits puts a boundary beside its surface by up to half an ulp along the ray, as a share of the depth. Four of these are
+/// the surface itself: one for the depth's own rounding, the rest for the steps by which a pipeline found it. It is more than a
+/// footprint where an orthographic eye is far away.
+pub(crate) const DEPTH_ROUNDING: f64 = 2.0 * f32::EPSILON as f64;
+
 /// Where light grazes, texels get no smaller than this share of a pixel: there is little light to lose.
 pub(crate) const LEAST_SHARE: f64 = 0.5;
 
@@ -47,8 +53,10 @@ pub(crate) const MOST_TEXELS: f64 = 8.0;
 /// A surface counts as lit at no flatter an angle than this sine of it: its plane would reach any depth within a texel.
 pub(crate) const LEAST_SINE: f64 = 1.0 / 64.0;
 
-/// A pixel seen from the light is at least this wide, in texels.
-pub(crate) const LEAST_WIDTH: f64 = 1.0 / 64.0;
+/// A pixel's weights are (1 − r²)², and r reaches 1 where twelve times the covariance, as a quadratic form, is 12/8: the variance of
+/// such weights along a diameter is ½ ∫r³(1 − r²)² dr / ∫r(1 − r²)² dr = 1/8. No texel is too large to count: the nearest is within
+/// √(1/2) of the pixel's middle, and the ellipse reaches √(2/3) at least.
+pub(crate) const PER_REACH: f32 = 12.0 / 8.0;
 
 /// What keeps the light from boundaries.
 pub struct Shadows<'a> {
@@ -79,29 +87,35 @@ impl<'a> Shadows<'a> {
     }
 
     /// For each of the tiles `which` of `strip` the share of the light that reaches its boundaries, in their order. Other tiles
-    /// have an empty list.
+    /// have an empty list. The tiles around the strip's own are another strip's to count.
     pub(super) fn of_strip(&self, strip: &Strip, which: Range<usize>, camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
         let mut shares = vec![Vec::new(); strip.tiles.len()];
-        shares.splice(which.clone(), self.on(&strip.tiles[which], camera, samples));
+        let own = strip.own.start.saturating_sub(which.start)..strip.own.end.saturating_sub(which.start);
+        shares.splice(which.clone(), self.on_counting(&strip.tiles[which], own, camera, samples));
         shares
     }
 
     /// The share of the light that reaches each boundary of `tiles`, which `camera` sees with `samples` samples a pixel.
     pub fn on(&self, tiles: &[LayerTile], camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
+        self.on_counting(tiles, 0..tiles.len(), camera, samples)
+    }
+
+    /// The same, where only the boundaries of the tiles `counted` are counted.
+    fn on_counting(&self, tiles: &[LayerTile], counted: Range<usize>, camera: &Camera, samples: u32) -> Vec<Vec<f32>> {
         let mut shares = Vec::new();
         let mut pass = || {
             let mut map = self.map.borrow_mut();
             let receivers = Receivers::new(map.grid(), camera, samples);
-            let coarse = &self.coarse;
-            let wanted: Vec<BTreeSet<LightTile>> =
-                tiles.par_iter().map(|tile| receivers.wanted(tile, coarse)).collect();
-            let wanted = wanted.into_iter().flatten().collect();
+            let wanted: Vec<(BTreeSet<LightTile>, u64)> = tiles.par_iter().map(|tile| receivers.wanted(tile)).collect();
+            let coarse = wanted[counted.clone()].iter().map(|(_, coarse)| coarse).sum();
+            self.coarse.fetch_add(coarse, Ordering::Relaxed);
+            let wanted = wanted.into_iter().flat_map(|(wanted, _)| wanted).collect();
             map.ask(&wanted, &mut self.frames.borrow_mut(), self.draw);
             let map = &**map;
             let receivers = Receivers::new(map.grid(), camera, samples);
             let strength = self.strength;
             let share = |receiver: Option<Receiver>| {
-                receiver.map_or(0.0, |receiver| 1.0 - strength * (1.0 - receiver.light(map)))
+                receiver.map_or(1.0, |receiver| 1.0 - strength * (1.0 - receiver.light(map)))
             };
             let of_tile = |tile: &LayerTile| {
                 let mut of_tile = Vec::with_capacity(tile.boundaries.len());
@@ -127,7 +141,8 @@ impl<'a> Receivers<'a> {
         Self { grid, camera, samples: samples.clamp(1, MAX_SAMPLES) }
     }
 
-    /// Calls `with` for each boundary of `tile`, in their order; `None` is one that the light does not fall on.
+    /// Calls `with` for each boundary of `tile`, in their order; `None` is one that looks away from the light, which lights none of it
+    /// without any shadow: all of nothing arrives.
     fn each(&self, tile: &LayerTile, mut with: impl FnMut(Option<Receiver>)) {
         for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
             let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
@@ -137,12 +152,12 @@ impl<'a> Receivers<'a> {
         }
     }
 
-    /// The tiles of the light's grid that the boundaries of `tile` ask for; adds those that are coarse to `coarse`.
-    fn wanted(&self, tile: &LayerTile, coarse: &AtomicU64) -> BTreeSet<LightTile> {
-        let (mut wanted, mut last, mut count) = (BTreeSet::new(), None, 0);
+    /// The tiles of the light's grid that the boundaries of `tile` ask for, and how many of these are coarse.
+    fn wanted(&self, tile: &LayerTile) -> (BTreeSet<LightTile>, u64) {
+        let (mut wanted, mut last, mut coarse) = (BTreeSet::new(), None, 0);
         self.each(tile, |receiver| {
             let Some(receiver) = receiver else { return };
-            count += u64::from(receiver.is_coarse);
+            coarse += u64::from(receiver.is_coarse);
             let [low, high] = receiver.texels(receiver.shape().reach).map(|[x, y]| LightTile::of(receiver.level, x, y));
             // Neighbours ask for the same.
             if last != Some([low, high]) {
@@ -151,8 +166,7 @@ impl<'a> Receivers<'a> {
                 wanted.extend((low.x..=high.x).flat_map(column));
             }
         });
-        coarse.fetch_add(count, Ordering::Relaxed);
-        wanted
+        (wanted, coarse)
     }
 
     /// Where in the pixel the samples of `mask` are, on average.
@@ -168,11 +182,12 @@ impl<'a> Receivers<'a> {
 
     fn receiver(&self, x: u32, y: u32, boundary: &Boundary) -> Option<Receiver> {
         let Self { grid, camera, .. } = self;
-        let ray = camera.ray(DVec2::new(f64::from(x), f64::from(y)) + self.middle(boundary.samples));
+        let corner = DVec2::new(f64::from(x), f64::from(y));
+        let ray = camera.ray(corner + self.middle(boundary.samples));
         let depth = f64::from(boundary.depth);
-        // The side that is lit is the one that is seen.
+        // The side that is lit is the one that is seen, from the pixel's middle as in `lighting`.
         let normal = boundary.normal.as_dvec3();
-        let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+        let normal = if normal.dot(camera.ray(corner + 0.5).dir) > 0.0 { -normal } else { normal };
         let sine = normal.dot(grid.towards());
         if !(sine > 0.0) {
             return None;
@@ -199,7 +214,7 @@ impl<'a> Receivers<'a> {
             depth: at.z,
             sides: sides.map(|side| (side / texel).as_vec2()),
             normal: normal.as_vec3(),
-            tolerance: (TOLERANCE * footprint / texel).max(1.0) as f32,
+            tolerance: ((TOLERANCE * footprint).max(DEPTH_ROUNDING * depth * along.abs()) / texel).max(1.0) as f32,
             is_coarse: texel > short,
         })
     }
@@ -227,18 +242,16 @@ struct Receiver {
 impl Receiver {
     /// How the pixel lies on the texels.
     fn shape(&self) -> Shape {
-        let [a, mut b] = self.sides;
-        let width = LEAST_WIDTH as f32 * a.length().max(b.length()).max(1.0);
-        if a.perp_dot(b).abs() < width {
-            b += a.perp().normalize_or(Vec2::Y) * width.copysign(a.perp_dot(b));
-        }
-        let det = a.perp_dot(b);
-        // (x, y) = u a + v b.
-        let (u, v) = (Vec2::new(b.y, -b.x) / det, Vec2::new(-a.y, a.x) / det);
-        let half = |along: Vec2| 0.5 * (along.x.abs() + along.y.abs());
-        let halves = Vec2::new(half(u), half(v));
-        let reach = (halves + 0.5).x * a.abs() + (halves + 0.5).y * b.abs();
-        Shape { u, v, halves, reach }
+        let [a, b] = self.sides;
+        // Twelve times the covariance: a box has a twelfth of its side squared, and that of a texel is one.
+        let spread =
+            Vec3::new(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y) + Vec3::new(1.0, 0.0, 1.0);
+        // Its determinant, without the difference of what is large: |a|² + |b|² + 1 + (a × b)².
+        let skew = a.perp_dot(b);
+        let det = spread.x + spread.z - 1.0 + skew * skew;
+        let shrink = Vec3::new(spread.z, -2.0 * spread.y, spread.x) * (PER_REACH / det);
+        let reach = (Vec2::new(spread.x, spread.z) / PER_REACH).map(f32::sqrt);
+        Shape { shrink, reach }
     }
 
     /// Columns and rows of the first and the last texel whose middles are within `reach`.
@@ -291,75 +304,141 @@ impl Receiver {
     }
 }
 
-/// How a pixel's parallelogram lies on the texels: x and y are its sides' shares u and v.
+/// How a pixel lies on the texels: an ellipse with the covariance of its parallelogram and of a texel together. What makes the
+/// ellipse, the sum of the sides' squares, changes little with the pixel however the sides lie to each other; the parallelogram's
+/// own axes are long without end where they are nearly parallel.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
-    /// u and v by x and y, in texels.
-    u: Vec2,
-    v: Vec2,
-    /// Half of what a texel covers of u and of v.
-    halves: Vec2,
-    /// How far from the pixel's middle texels still cover a part of it, in columns and rows.
+    /// The factors of x², xy and y² in the square of how far a texel is from the pixel's middle, as a share of the way to the
+    /// ellipse's edge; x and y in texels.
+    shrink: Vec3,
+    /// How far from the pixel's middle texels still count, in columns and rows.
     reach: Vec2,
 }
 
 impl Shape {
-    /// How much of the pixel a texel covers whose middle is `from_here`; of no unit. A box as wide as the pixel, smoothed by one as
-    /// wide as a texel.
+    /// How much a texel counts whose middle is `from_here`; of no unit. It falls smoothly to nothing at the edge of the ellipse, so
+    /// that no texel comes in with a step.
     #[inline]
     fn weight(&self, from_here: Vec2) -> f32 {
-        let along = |share: Vec2, half: f32| ((0.5 + half - share.dot(from_here).abs()) / (2.0 * half)).clamp(0.0, 1.0);
-        along(self.u, self.halves.x) * along(self.v, self.halves.y)
+        let Vec2 { x, y } = from_here;
+        let within = (1.0 - self.shrink.dot(Vec3::new(x * x, x * y, y * y))).max(0.0);
+        within * within
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::light_grid::STEPS as SIZES;
     use super::*;
+    use crate::layers::{Facing, LayerStack};
+    use crate::scene::framing::Bounds;
+    use crate::space::Lens;
 
-    /// The share of a pixel with these sides, in texels, that lies left of the grid's origin; its middle is `x` right of it.
-    fn left_of_origin(sides: [Vec2; 2], x: f64) -> f32 {
+    /// A pixel with these sides, in texels, `x` right of the grid's origin.
+    fn receiver(sides: [Vec2; 2], x: f64) -> Receiver {
         let at = DVec2::new(x, 0.3);
         let (level, texel, depth, normal) = (0, 1.0, 0.0, Vec3::NEG_Z);
-        let receiver = Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false };
+        Receiver { level, texel, at, depth, sides, normal, tolerance: 1.0, is_coarse: false }
+    }
+
+    /// The share of a pixel that lies left of the grid's origin, and how many texels are looked at for it.
+    fn left_of_origin(sides: [Vec2; 2], x: f64) -> (f32, usize) {
+        let receiver = receiver(sides, x);
         let shape = receiver.shape();
         let [[x0, y0], [x1, y1]] = receiver.texels(shape.reach);
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut left, mut all, mut count) = (0.0, 0.0, 0);
         for (x, y) in (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y))) {
-            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - at).as_vec2());
+            let weight = shape.weight((DVec2::new(f64::from(x), f64::from(y)) + 0.5 - receiver.at).as_vec2());
             all += weight;
             left += if x < 0 { weight } else { 0.0 };
+            count += 1;
         }
-        left / all
+        (left / all, count)
     }
 
     #[test]
-    fn a_shadows_edge_has_no_steps_whatever_the_pixels_shape() {
-        // None narrower than a texel, as long as light does not graze.
+    fn a_shadows_edge_has_no_steps_and_is_as_wide_as_the_pixel_whatever_its_shape() {
+        // None narrower than a texel, as long as light does not graze; then the last ones, which are all but flat.
         let shapes = [
             [Vec2::new(1.0, 0.0), Vec2::new(0.0, 1.0)],
             [Vec2::new(1.3, 0.2), Vec2::new(-0.4, 1.1)],
             [Vec2::new(0.9, 0.9), Vec2::new(-0.8, 0.8)],
             [Vec2::new(7.0, 3.0), Vec2::new(-0.2, 0.9)],
             [Vec2::new(1.4, -0.3), Vec2::new(3.0, 2.0)],
+            [Vec2::new(8.0, 0.0), Vec2::new(8.0, 0.3)],
+            [Vec2::new(5.7, 5.7), Vec2::new(5.7, 5.4)],
+            [Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)],
         ];
         for sides in shapes {
-            let half = 0.5 * (sides[0].x.abs() + sides[1].x.abs()) as f64;
             const STEP: f64 = 1.0 / 64.0;
-            let shares: Vec<f32> = (-640..=640).map(|i| left_of_origin(sides, f64::from(i) * STEP)).collect();
+            const STEPS: i32 = 640;
+            let shares: Vec<f32> = (-STEPS..=STEPS).map(|i| left_of_origin(sides, f64::from(i) * STEP).0).collect();
             // No faster than an edge crosses the narrowest pixel there is, a texel wide, twice over.
             assert!(shares.windows(2).all(|w| (w[0] - w[1]).abs() < 2.0 * STEP as f32), "{sides:?}");
-            let at = |x: f64| shares[((x / STEP).round() + 640.0) as usize];
+            let at = |x: f64| shares[((x / STEP).round() as i32 + STEPS) as usize];
             assert!((at(0.0) - 0.5).abs() < 0.15, "{sides:?}: {}", at(0.0));
-            assert!(at(-half - 1.5) == 1.0 && at(half + 1.5) == 0.0, "{sides:?}");
+            assert!(at(-10.0) == 1.0 && at(10.0) == 0.0, "{sides:?}");
+            // How the share falls along x is how the pixel's points are spread, as blurred as boxes of two texels make it.
+            let falls = shares.windows(2).map(|w| f64::from(w[0] - w[1]));
+            let variance: f64 =
+                falls.enumerate().map(|(i, fall)| fall * ((i as f64 + 0.5) * STEP - 10.0).powi(2)).sum();
+            let true_variance = f64::from(sides[0].x.powi(2) + sides[1].x.powi(2)) / 12.0;
+            let most = true_variance + 2.0 / 12.0;
+            assert!(variance > 0.9 * true_variance && variance < 1.1 * most, "{sides:?}: {variance} {true_variance}");
         }
     }
 
     #[test]
-    fn a_pixel_seen_edge_on_from_the_light_still_asks() {
-        for sides in [[Vec2::new(2.0, 1.0), Vec2::new(4.0, 2.0)], [Vec2::new(0.0, 1e-9), Vec2::new(1.0, 0.0)]] {
-            let share = left_of_origin(sides, 0.0);
-            assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+    fn a_pixel_of_any_shape_looks_at_some_hundreds_of_texels_at_most() {
+        // Texels are rounded down to a size that there is.
+        let longest = MOST_TEXELS * (1.0 / SIZES).exp2();
+        for (i, j) in (0..64).flat_map(|i| (0..64).map(move |j| (i, j))) {
+            let angle = |i: i32| f64::from(i) * std::f64::consts::PI / 64.0;
+            let sides = [angle(i), angle(j)].map(|angle| (DVec2::from_angle(angle) * longest).as_vec2());
+            let (share, count) = left_of_origin(sides, 0.0);
+            assert!((0.0..=1.0).contains(&share) && count < 400, "{sides:?}: {count}");
         }
+    }
+
+    #[test]
+    fn what_is_coarse_is_counted_for_the_tiles_that_are_to_be_counted() {
+        // Four tiles of a plane that the light hardly touches: its pixels are thinner than any texel may be.
+        let lens = Lens::Height(2.0);
+        let camera = Camera::look_at(DVec3::Z * 4.0, DVec3::ZERO, DVec3::Y, lens, SIDE, 4 * SIDE).unwrap();
+        let plane = Boundary {
+            depth: 4.0,
+            normal: Vec3::Z,
+            colour: [1.0; 3],
+            opacity: 1.0,
+            leaf: 0,
+            body: 0,
+            facing: Facing::Front,
+            samples: 1,
+        };
+        let stack = LayerStack::from_fn(camera.clone(), 1, |_, _| vec![plane]);
+        let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::ONE };
+        let count = |tiles: Range<usize>| {
+            let mut map = LightMap::new(LightGrid::new(DVec3::new(1.0, 0.0, 0.05), &bounds), 1.0);
+            let shadows = Shadows::new(&mut map, 1.0, &|_| None, &|work| work());
+            let shares = shadows.on_counting(stack.tiles(), tiles, &camera, 1);
+            assert!(shares.iter().flatten().all(|share| *share == 1.0));
+            shadows.coarse()
+        };
+        let of_tile = u64::from(SIDE * SIDE);
+        assert_eq!((count(0..4), count(1..3), count(0..0)), (4 * of_tile, 2 * of_tile, 0));
+    }
+
+    #[test]
+    fn a_pixel_far_smaller_than_a_texel_still_asks() {
+        for sides in [[Vec2::ZERO; 2], [Vec2::new(0.0, 1e-9), Vec2::new(1e-20, 0.0)]] {
+            for i in 0..64 {
+                let (share, _) = left_of_origin(sides, f64::from(i) / 64.0);
+                assert!((0.0..=1.0).contains(&share), "{sides:?}: {share}");
+            }
+        }
+        // The middles of four texels are equally far.
+        let corner = Receiver { at: DVec2::ZERO, ..receiver([Vec2::ZERO; 2], 0.0) };
+        assert!(corner.shape().weight(Vec2::splat(0.5)) > 0.0);
     }
 }

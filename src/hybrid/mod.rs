@@ -98,20 +98,31 @@ impl HybridModel {
         self.exact.as_ref()
     }
 
-    /// The solid leaves whose mesh is open, each with the pixels drawn so far at which its crossings did not tell its inside.
+    /// The solid leaves whose mesh is open, each with the pixels of all [`frame`](Self::frame)s so far at which its crossings did not
+    /// tell its inside.
     pub fn undecided(&self) -> Vec<(LeafId, u64)> {
         self.undecided.counts()
     }
 
     /// One frame, `samples` a pixel.
     pub fn frame(&self, camera: &Camera, limit: LayerLimit, samples: u32) -> Frame<'_> {
+        self.frame_of(camera, limit, samples, true)
+    }
+
+    /// The same frame of a view that nobody is shown, such as the light's: its pixels are not [`undecided`](Self::undecided) ones.
+    pub fn frame_aside(&self, camera: &Camera, limit: LayerLimit, samples: u32) -> Frame<'_> {
+        self.frame_of(camera, limit, samples, false)
+    }
+
+    fn frame_of(&self, camera: &Camera, limit: LayerLimit, samples: u32, is_counted: bool) -> Frame<'_> {
         let frame = Frame::new(&self.surfels, camera.clone(), limit, samples, SplatSettings::default(), None);
         let Some(exact) = &self.exact else { return frame };
         let meshes = MeshFrame::new(exact, camera.clone(), LayerLimit::All, samples);
         if self.undecided.is_empty() {
             return frame.with_crossings(Box::new(meshes));
         }
-        frame.with_crossings(Box::new(Decided::new(meshes, &self.surfels, camera, &self.undecided)))
+        let decided = Decided::new(meshes, &self.surfels, camera, &self.undecided);
+        frame.with_crossings(Box::new(if is_counted { decided } else { decided.uncounted() }))
     }
 }
 

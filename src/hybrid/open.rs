@@ -45,6 +45,7 @@ pub struct Decided<'a, S> {
     source: S,
     camera: Camera,
     open: Vec<(LeafId, &'a Exact, &'a AtomicU64)>,
+    is_counted: bool,
 }
 
 /// How far before and behind a crossing the side is asked, as a share of its depth: a few of the smallest differences of depth.
@@ -55,7 +56,12 @@ impl<'a, S: CrossingSource> Decided<'a, S> {
     pub fn new(source: S, model: &'a Model, camera: &Camera, undecided: &'a Undecided) -> Self {
         let exact = |leaf: &LeafId| model.fields[leaf.0 as usize].exact.as_ref();
         let open = undecided.0.iter().filter_map(|(leaf, count)| Some((*leaf, exact(leaf)?, count))).collect();
-        Self { source, camera: camera.clone(), open }
+        Self { source, camera: camera.clone(), open, is_counted: true }
+    }
+
+    /// The same, where pixels that it decides are not counted.
+    pub fn uncounted(self) -> Self {
+        Self { is_counted: false, ..self }
     }
 
     /// Which of the crossings `of_pixel` remain, where those of `leaf` are decided by its winding number; they are told their
@@ -99,7 +105,7 @@ impl<S: CrossingSource> CrossingSource for Decided<'_, S> {
             if bits.count() == 0 {
                 continue;
             }
-            if offset == DVec2::splat(0.5) {
+            if self.is_counted && offset == DVec2::splat(0.5) {
                 count.fetch_add(bits.count(), Ordering::Relaxed);
             }
             let mut kept = Vec::with_capacity(tile.crossings.len());

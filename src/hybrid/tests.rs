@@ -228,6 +228,10 @@ fn an_open_mesh_is_drawn_and_its_undecided_pixels_are_counted() {
     let drawn = LayerStack::collect(&model.frame(&camera, LayerLimit::All, 1));
     let truth = open_reference(&with(closed), LayerLimit::All).unwrap()(&camera).unwrap();
     let [(leaf, undecided)] = model.undecided()[..] else { panic!("one leaf is open") };
+    // Nor do others count.
+    let aside = LayerStack::collect(&model.frame_aside(&camera, LayerLimit::All, 1));
+    assert_eq!(model.undecided(), [(leaf, undecided)]);
+    assert!((0..256).all(|y| (0..256).all(|x| aside.at(x, y) == drawn.at(x, y))));
     // Rays that pass the lid, from above, are those that do not alternate.
     let passes_lid = |x: u32, y: u32| {
         truth.at(x, y).iter().any(|b| {

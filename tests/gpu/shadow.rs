@@ -18,13 +18,14 @@ use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::pipeline::{self, Density, ExactLeaves, convert};
 use surfcut::scene::style::{Style, StyleKind};
 use surfcut::scene::{Light, LoadedScene, Scene, load, toml_file};
-use surfcut::space::{Camera, Motion};
+use surfcut::space::{Camera, Lens, Motion};
 
 use crate::Test;
 
 pub const TESTS: &[Test] = &[
     ("shadows_are_the_cpus", shadows_are_the_cpus),
     ("shadows_of_leaves_that_the_gpu_draws_are_the_cpus", shadows_of_leaves_that_the_gpu_draws_are_the_cpus),
+    ("shadows_seen_from_far_away_are_the_cpus", shadows_seen_from_far_away_are_the_cpus),
     ("the_comparison_of_shadows_can_fail", the_comparison_of_shadows_can_fail),
 ];
 
@@ -141,6 +142,23 @@ fn shadows_of_leaves_that_the_gpu_draws_are_the_cpus(gpu: &'static Gpu) {
     assert_same(&got, &wanted, "drawn by the GPU");
 }
 
+fn shadows_seen_from_far_away_are_the_cpus(gpu: &'static Gpu) {
+    let mut loaded = loaded("widget");
+    let spec = loaded.scene.camera.as_mut().unwrap();
+    (spec.eye, spec.target, spec.lens) = (DVec3::new(60_000.0, -50_000.0, 62_000.0), DVec3::ZERO, Lens::Height(3.0));
+    let model = hybrid(&mut loaded);
+    let camera = loaded.camera().unwrap();
+    let style = Style { shadows: 1.0, ..Style::default() };
+    let wanted = on_cpu(&loaded, &model, &style, 1);
+    let unshadowed = on_cpu(&loaded, &model, &Style { shadows: 0.0, ..style }, 1);
+    assert!(different(&unshadowed, &wanted).0 > 500);
+    let source = Uploaded(model.frame(&camera, LayerLimit::All, 1));
+    let draw =
+        |light: &Camera| -> Box<dyn GpuLayerSource + '_> { Box::new(Uploaded(model.frame(light, LayerLimit::All, 1))) };
+    let got = on_gpu(gpu, &loaded, &source, &style, &loaded.scene.light, &draw);
+    assert_same(&got, &wanted, "from far away");
+}
+
 fn the_comparison_of_shadows_can_fail(gpu: &'static Gpu) {
     let mut loaded = loaded("widget");
     let model = hybrid(&mut loaded);
@@ -150,7 +168,7 @@ fn the_comparison_of_shadows_can_fail(gpu: &'static Gpu) {
     let source = Uploaded(model.frame(&camera, LayerLimit::All, 1));
     let draw =
         |light: &Camera| -> Box<dyn GpuLayerSource + '_> { Box::new(Uploaded(model.frame(light, LayerLimit::All, 1))) };
-    // Three degrees beside.
+    // Two degrees beside.
     let beside = Light { towards: loaded.scene.light.towards + DVec3::new(0.0, 0.0, 0.08), ..loaded.scene.light };
     let got = on_gpu(gpu, &loaded, &source, &style, &beside, &draw);
     let (all, flat) = different(&got, &wanted);

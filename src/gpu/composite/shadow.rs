@@ -3,16 +3,15 @@
 //! *Practice.* The boundaries of a band tell, by size of texels, from where to where on the light's grid they ask; that much comes
 //! back to the CPU, and the pipeline draws these parts of the grid, block by block and halved where they are too large. Each part
 //! is asked by all boundaries of its size of texels, which add up what it keeps of their light. Nothing of the grid is kept for the
-//! next band. Places are found in 32 bits, from the eye: they are as exact as the depths
-//! that they are made of.
+//! next band. Places are found in 32 bits, from where the camera's axis passes the scene: they
+//! are as exact as the depths that they are made of.
 
 use std::cell::{Cell, RefCell};
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 
 use super::view::{self, Band, Bound};
+use crate::composite::light_frames::LightFrames;
 use crate::composite::light_grid::{BLOCK_TILES, BlockView, LEVELS, LightBlock, LightGrid, SIDE, STEPS};
-use crate::composite::shadow::{LEAST_SHARE, LEAST_SINE, LEAST_WIDTH, MOST_TEXELS, TOLERANCE};
+use crate::composite::shadow::{DEPTH_ROUNDING, LEAST_SHARE, LEAST_SINE, MOST_TEXELS, PER_REACH, TOLERANCE};
 use crate::gpu::layers::{GpuLayerSource, LayerRecord, in_parts};
 use crate::gpu::shader::Shader;
 use crate::gpu::{Gpu, GpuError};
@@ -35,10 +34,12 @@ gpu_struct! {
         forward: [f32; 3],
         /// The power of √2 that the side of the finest texel is.
         least_level: i32,
-        /// Where the camera is on the grid, world units.
-        eye: [f32; 3],
-        /// Fills the row.
-        unused: u32,
+        /// Where on the grid the middle of the picture is at `depth`, world units.
+        at_depth: [f32; 3],
+        /// That of the grid's middle, seen from the camera.
+        depth: f32,
+        /// The pixels whose boundaries are counted: first column and row, and how many of each.
+        counted: [u32; 4],
     }
 }
 
@@ -91,8 +92,8 @@ const LIGHT_STEPS: f32 = 16_777_216.0;
 /// does on the CPU. `None` where that failed, of which the caller knows more.
 pub type DrawLight<'a> = dyn Fn(&Camera) -> Result<Option<Box<dyn GpuLayerSource + 'a>>, GpuError> + 'a;
 
-/// Frames that are ready, by block; `None` where that failed.
-type Frames<'a> = HashMap<LightBlock, Option<Box<dyn GpuLayerSource + 'a>>>;
+/// Frames that are ready; `None` where that failed.
+type Frames<'a> = LightFrames<Option<Box<dyn GpuLayerSource + 'a>>>;
 
 /// What keeps the light from boundaries.
 pub struct Shadows<'a> {
@@ -142,7 +143,7 @@ impl<'a> Shadows<'a> {
         let none: [i32; 4] = [i32::MAX, i32::MAX, i32::MIN, i32::MIN];
         let nothing: Vec<i32> = none.into_iter().cycle().take(4 * LEVELS as usize).chain([0]).collect();
         let asked = gpu.upload("texels asked for", &nothing)?;
-        let light = gpu.uniform("light", &self.view_of(camera));
+        let light = gpu.uniform("light", &self.view_of(camera, band.part));
         let places = sample_offsets(samples).iter().map(|place| place.as_vec2().to_array());
         let places = gpu.upload("places of samples", &places.collect::<Vec<_>>())?;
         let run = |entry: &'static str, buffers: &[Bound]| {
@@ -157,45 +158,49 @@ impl<'a> Shadows<'a> {
         let of_band = [(1, &layers.offsets), (3, &light), (4, &receivers)];
         run("receive", &[&of_band[..], &[(2, &layers.records), (5, &asked), (6, &places)]].concat());
         let asked: Vec<i32> = gpu.download(&asked, nothing.len())?;
-        self.coarse.set(self.coarse.get() + asked[4 * LEVELS as usize] as u64);
+        let mut asked_of = Vec::new();
         for (level, range) in asked.chunks_exact(4).enumerate().take(LEVELS as usize) {
             let &[x0, y0, x1, y1] = range else { continue };
             if x0 > x1 || y0 > y1 {
                 continue;
             }
             let grid_level = self.grid.least_level() + level as i32;
-            for (block, view, rect) in self.blocks(grid_level, [x0, y0], [x1, y1]) {
-                let mut frames = self.frames.borrow_mut();
-                let source = match frames.entry(block) {
-                    Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(unknown) => unknown.insert((self.draw)(&view.camera)?),
-                };
-                let Some(source) = source else { continue };
-                in_parts(rect, &mut |rect| {
-                    let seen = source.draw(gpu, rect)?;
-                    self.texels.set(self.texels.get() + rect.area() as u64);
-                    if seen.count == 0 {
-                        return Ok(());
-                    }
-                    let patch = LightPatch {
-                        corner: [view.corner[0] + rect.x0 as i32, view.corner[1] + rect.y0 as i32],
-                        size: [rect.width(), rect.height()],
-                        level: level as i32,
-                        unused: 0,
-                        unused_too: [0; 2],
-                    };
-                    let patch = gpu.uniform("patch of light", &patch);
-                    let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
-                    run("shade", &[&of_band[..], &of_light].concat());
-                    Ok(())
-                })?;
-            }
+            asked_of.extend(self.blocks(grid_level, [x0, y0], [x1, y1]));
         }
+        let mut frames = self.frames.borrow_mut();
+        asked_of.sort_by_key(|(block, ..)| !frames.is_ready(*block));
+        for (block, view, rect) in asked_of {
+            let Some(source) = frames.get(block, || (self.draw)(&view.camera))? else { continue };
+            in_parts(rect, &mut |rect| {
+                let seen = source.draw(gpu, rect)?;
+                self.texels.set(self.texels.get() + rect.area() as u64);
+                if seen.count == 0 {
+                    return Ok(());
+                }
+                let patch = LightPatch {
+                    corner: [view.corner[0] + rect.x0 as i32, view.corner[1] + rect.y0 as i32],
+                    size: [rect.width(), rect.height()],
+                    level: block.level - self.grid.least_level(),
+                    unused: 0,
+                    unused_too: [0; 2],
+                };
+                let patch = gpu.uniform("patch of light", &patch);
+                let of_light = [(7, &kept_off), (8, &seen.offsets), (9, &seen.records), (10, &patch)];
+                run("shade", &[&of_band[..], &of_light].concat());
+                Ok(())
+            })?;
+        }
+        // Not before: a band that is too large comes again in parts.
+        self.coarse.set(self.coarse.get() + asked[4 * LEVELS as usize] as u64);
         Ok(kept_off)
     }
 
-    fn view_of(&self, camera: &Camera) -> LightView {
+    /// For `camera`; what it sees in `part` is counted.
+    fn view_of(&self, camera: &Camera, part: PixelRect) -> LightView {
         let LightGrid { right, down, forward, .. } = self.grid;
+        // From there on lengths are those of the scene, however far away the eye is.
+        let depth = camera.view_from_world(self.grid.centre()).z as f32;
+        let at_depth = self.grid.on_grid(camera.eye + camera.forward * f64::from(depth));
         LightView {
             right: right.as_vec3().to_array(),
             opacity: self.opacity,
@@ -203,8 +208,9 @@ impl<'a> Shadows<'a> {
             strength: self.strength,
             forward: forward.as_vec3().to_array(),
             least_level: self.grid.least_level(),
-            eye: self.grid.on_grid(camera.eye).as_vec3().to_array(),
-            unused: 0,
+            at_depth: at_depth.as_vec3().to_array(),
+            depth,
+            counted: [part.x0, part.y0, part.width(), part.height()],
         }
     }
 
@@ -233,9 +239,10 @@ impl<'a> Shadows<'a> {
 pub(super) fn shader() -> Shader {
     view::shader("shadow")
         .with_constant("TOLERANCE", TOLERANCE as f32)
+        .with_constant("DEPTH_ROUNDING", DEPTH_ROUNDING as f32)
         .with_constant("LEAST_SHARE", LEAST_SHARE as f32)
         .with_constant("LEAST_SINE", LEAST_SINE as f32)
-        .with_constant("LEAST_WIDTH", LEAST_WIDTH as f32)
+        .with_constant("PER_REACH", PER_REACH)
         .with_constant("MOST_TEXELS", MOST_TEXELS as f32)
         .with_constant("STEPS", STEPS as f32)
         .with_constant("LEVELS", LEVELS)
