@@ -5,6 +5,7 @@ mod blister;
 mod composite;
 mod core;
 mod hybrid;
+mod merged;
 mod shadow;
 mod splat;
 
@@ -19,7 +20,8 @@ pub type Test = (&'static str, fn(&'static Gpu));
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
     let tests: Vec<Test> =
-        [core::TESTS, blister::TESTS, composite::TESTS, shadow::TESTS, splat::TESTS, hybrid::TESTS].concat();
+        [core::TESTS, blister::TESTS, composite::TESTS, shadow::TESTS, splat::TESTS, hybrid::TESTS, merged::TESTS]
+            .concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {
         Ok(gpu) => Some(Box::leak(Box::new(gpu))),
         Err(error) if std::env::var_os("SURFCUT_NEEDS_GPU").is_some() => {

@@ -92,7 +92,7 @@ pub struct GpuSplatModel {
     /// The origin of what is far, world space.
     pub(super) origin: DVec3,
     pub(super) leaves: usize,
-    /// The first leaf that crossings have to tell of.
+    /// The first leaf of the expression that crossings have to tell of.
     pub(super) exact: Option<LeafId>,
     /// [`tables::LEAF_BITS`] to a word.
     pub(super) leaf_words: u32,
@@ -122,7 +122,7 @@ impl GpuSplatModel {
             far: gpu.upload("far sides", &far.rows)?,
             origin,
             leaves: model.fields.len(),
-            exact: first(&|field| field.exact.is_some()),
+            exact: model.tree.leaves().into_iter().find(|leaf| model.fields[leaf.0 as usize].exact.is_some()),
             leaf_words: tables::leaf_words(model.fields.len()),
         })
     }
