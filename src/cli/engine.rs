@@ -102,6 +102,9 @@ pub fn engine(
     for (leaf, representation) in &args.represent {
         loaded.represent(leaf, *representation)?;
     }
+    if matches!(args.pipeline, Pipeline::Mesh | Pipeline::Hybrid) && args.asks_for_surfels() {
+        report.warnings.push("--clip, --inside and --unknown change nothing: they are of --pipeline splat".to_owned());
+    }
     let density = args.density.density();
     match args.pipeline {
         Pipeline::Reference => Ok(Box::new(ReferenceEngine { products, ..ReferenceEngine::new(loaded, frame)? })),
@@ -354,13 +357,15 @@ impl Engine for SplatEngine {
     ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         let refused = |error| match error {
             GpuSplatError::Gpu(error) => BackendError::Gpu(error),
-            GpuSplatError::ExactLeaf { .. } => BackendError::NotThere(
+            GpuSplatError::ExactLeaf { .. } | GpuSplatError::SampledLeaf { .. } => BackendError::NotThere(
                 "meshes or solids with --pipeline splat (with --pipeline hybrid it does)".to_owned(),
             ),
             GpuSplatError::Settings => {
                 BackendError::NotThere("surfels that are clipped in another way than the default one".to_owned())
             }
         };
+        // Before anything is uploaded: another way of clipping is not drawn whatever the leaves are.
+        GpuSplatFrame::allow(self.settings).map_err(refused)?;
         let models: Vec<&Model> = match &self.parts {
             None => vec![&self.model],
             Some(parts) => parts.iter().map(|(model, _)| model).collect(),

@@ -466,6 +466,13 @@ fn the_program_chooses_what_a_gpu_draws(_: &'static Gpu) {
     let (on_cpu, on_gpu) = (picture("cpu"), picture("gpu"));
     let differing = on_cpu.pixels().zip(on_gpu.pixels()).filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 2));
     assert!(differing.count() <= 2);
+    // What is asked for in another way is refused for that, not for the solids beside it.
+    let clipped = render("clipped", &["--backend", "gpu", "--clip", "fragment"]);
+    let told = String::from_utf8_lossy(&clipped.stderr).into_owned();
+    assert!(!clipped.status.success() && told.contains("clipped in another way"), "{told}");
+    let ignored = render("ignored", &["--backend", "cpu", "--pipeline", "hybrid", "--clip", "fragment"]);
+    let told = String::from_utf8_lossy(&ignored.stderr).into_owned();
+    assert!(ignored.status.success() && told.contains("change nothing"), "{told}");
     // Samples of solids are not what the GPU draws.
     let refused = render("splat", &["--backend", "gpu", "--pipeline", "splat"]);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();

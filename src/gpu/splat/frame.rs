@@ -15,9 +15,6 @@ use crate::splat::bins::BLOCK;
 use crate::splat::project::View;
 use crate::splat::{Clip, SplatSettings};
 
-/// Groups and hits that a frame has room for at first: what a quarter of a million pixels with four surfaces each take.
-const FIRST_ROOM: u32 = 1 << 20;
-
 /// A frame of a classified scene: the twin of [`crate::splat::Frame`] where surfaces are clipped.
 #[derive(Debug)]
 pub struct GpuSplatFrame<'a> {
@@ -26,7 +23,8 @@ pub struct GpuSplatFrame<'a> {
     limit: LayerLimit,
     samples: u32,
     chunks: Chunks,
-    room: Room,
+    /// In place of the model's.
+    room: Option<Room>,
     /// Finds the leaves that have no surfels.
     source: Option<Box<dyn GpuCrossingSource + 'a>>,
 }
@@ -44,13 +42,22 @@ impl<'a> GpuSplatFrame<'a> {
         samples: u32,
         settings: SplatSettings,
     ) -> Result<Self, GpuSplatError> {
-        if settings.clip != Clip::Surface || settings.partners_among().is_some() {
-            return Err(GpuSplatError::Settings);
-        }
+        Self::allow(settings)?;
         match model.exact {
             Some(leaf) => Err(GpuSplatError::ExactLeaf { leaf }),
             None => Ok(Self::of(scene, model, camera, limit, samples, None)),
         }
+    }
+
+    /// Whether surfels are clipped as the GPU does it.
+    ///
+    /// # Errors
+    /// [`GpuSplatError::Settings`] where not.
+    pub fn allow(settings: SplatSettings) -> Result<(), GpuSplatError> {
+        if settings.clip != Clip::Surface || settings.partners_among().is_some() {
+            return Err(GpuSplatError::Settings);
+        }
+        Ok(())
     }
 
     /// The same with leaves that `source` finds, which must be exact, without surfels, in `scene`; it draws frames of `camera` with as many
@@ -84,13 +91,13 @@ impl<'a> GpuSplatFrame<'a> {
     ) -> Self {
         let view = View::new(camera);
         let chunks = Chunks::new(scene, &model.parts, &view);
-        Self { model, camera: view.camera, limit, samples, chunks, room: Room::new(FIRST_ROOM), source }
+        Self { model, camera: view.camera, limit, samples, chunks, room: None, source }
     }
 
-    /// The same with room for `count` groups and hits at first. It grows where that does not do.
+    /// The same with room for `count` groups and hits at first, in place of what the frames before took. It grows where that does not do.
     #[must_use]
     pub fn with_room(mut self, count: u32) -> Self {
-        self.room = Room::new(count);
+        self.room = Some(Room::new(count));
         self
     }
 
@@ -147,6 +154,6 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
             leaf_words: self.model.leaf_words,
             source: self.source.as_deref(),
         };
-        scene.trace(gpu, &of, rect, self.samples, &self.room)
+        scene.trace(gpu, &of, rect, self.samples, self.room.as_ref().unwrap_or(&self.model.room))
     }
 }

@@ -143,6 +143,7 @@ impl Scene<'_> {
     ) -> Result<GpuLayers, GpuError> {
         let shader = shaders::trace(self.leaf_words);
         let trace = gpu.kernel(&shader, "trace");
+        let trace_crossed = self.source.map(|_| gpu.kernel(&shader, "trace_crossed"));
         let [merge, finish] = ["merge_sample", "finish_merge"].map(|entry| gpu.kernel(&shaders::merge(), entry));
         let merged = gpu.storage::<u32>("merged pixels", if samples > 1 { rect.area() } else { 0 })?;
         let blocks = (of.grid[2] * of.grid[3]) as usize;
@@ -183,9 +184,8 @@ impl Scene<'_> {
                 ];
                 let buffers = [&shared[..], &[(4, &groups)]].concat();
                 commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), blocks);
-                if crossed.is_some() {
-                    let trace_crossed = gpu.kernel(&shader, "trace_crossed");
-                    commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), blocks);
+                if let Some(trace_crossed) = &trace_crossed {
+                    commands.dispatch_groups(trace_crossed, &gpu.bind(trace_crossed, &shared), blocks);
                 }
                 if samples.len() > 1 {
                     let buffers = [(0, &uniform), (1, &hits), (2, &pixels), (3, &merged)];
