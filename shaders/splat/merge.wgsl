@@ -3,7 +3,7 @@
 @group(0) @binding(0) var<uniform> view: SplatView;
 @group(0) @binding(1) var<storage, read_write> hits: array<Hit>;
 // What the current sample sees; at last what all do.
-@group(0) @binding(2) var<storage, read_write> pixels: array<u32>;
+@group(0) @binding(2) var<storage, read_write> pixels: array<atomic<u32>>;
 // By pixel: the first hit of all samples so far.
 @group(0) @binding(3) var<storage, read_write> merged: array<u32>;
 
@@ -38,6 +38,17 @@ fn join(record: u32, hit: u32) {
     hits[record].seen = sign(hits[record].seen) * i32(bits | view.samples);
 }
 
+// A driver that ends loops after so many steps leaves them without a word: then these steps are too many as well.
+fn note_unfinished() {
+    var step = 0u;
+    while step < 2u + view.has_supports {
+        step++;
+    }
+    if step < 2u {
+        atomicStore(&pixels[UNFINISHED], 1u);
+    }
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn merge_sample(thread: Thread) {
     let pixel = thread_number(thread);
@@ -46,15 +57,14 @@ fn merge_sample(thread: Thread) {
     }
     if pixel == 0u {
         // The next sample takes groups from the first on.
-        pixels[GROUPS_MOST] = max(pixels[GROUPS_MOST], pixels[GROUPS_NEEDED]);
-        pixels[GROUPS_NEEDED] = 0u;
+        atomicMax(&pixels[GROUPS_MOST], atomicExchange(&pixels[GROUPS_NEEDED], 0u));
     }
     if view.samples == 1u {
         merged[pixel] = NONE;
     }
     // What comes next in the list is put, or looked for, behind here.
     var before = NONE;
-    var hit = pixels[FIRST_PIXEL + pixel];
+    var hit = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
     while is_there(hit) {
         let next = hits[hit].next;
         let is_last = view.nearest_only != 0u && hits[hit].opacity >= 1.0;
@@ -82,6 +92,7 @@ fn merge_sample(thread: Thread) {
         }
         hit = select(next, NONE, is_last);
     }
+    note_unfinished();
 }
 
 // Sorts the records by their mean depths, and hands them over as the pixel's list.
@@ -93,6 +104,8 @@ fn finish_merge(thread: Thread) {
     }
     var record = merged[pixel];
     merged[pixel] = NONE;
+    // The record that was put last.
+    var newest = NONE;
     while is_there(record) {
         let next = hits[record].next;
         let square = dot(hits[record].normal, hits[record].normal);
@@ -102,6 +115,13 @@ fn finish_merge(thread: Thread) {
         // Behind all that are not deeper.
         var before = NONE;
         var after = merged[pixel];
+        // Most come behind the one before: means of depths are nearly sorted.
+        if newest != NONE {
+            if hits[newest].t <= hits[record].t {
+                before = newest;
+                after = hits[newest].next;
+            }
+        }
         while is_there(after) {
             if hits[after].t > hits[record].t {
                 break;
@@ -111,7 +131,9 @@ fn finish_merge(thread: Thread) {
         }
         hits[record].next = after;
         link(pixel, before, record);
+        newest = record;
         record = next;
     }
-    pixels[FIRST_PIXEL + pixel] = merged[pixel];
+    atomicStore(&pixels[FIRST_PIXEL + pixel], merged[pixel]);
+    note_unfinished();
 }

@@ -6,7 +6,8 @@
 // The pixel's hit that was found last.
 var<private> newest: u32;
 
-// Puts a hit into the pixel's list, front to back; one that two groups found twice counts once.
+// Puts a hit into the pixel's list, front to back; one that two groups found twice counts once. Crossings, which have no `own_leaf`,
+// cannot be found twice: equal ones are two that rounding made so.
 fn insert(pixel: u32, hit: Hit) {
     var before = NONE;
     var after = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
@@ -18,7 +19,7 @@ fn insert(pixel: u32, hit: Hit) {
         }
     }
     while after != NONE {
-        if hits[after].t == hit.t && hits[after].leaf == hit.leaf && hits[after].seen == hit.seen {
+        if own_leaf != NONE && hits[after].t == hit.t && hits[after].leaf == hit.leaf && hits[after].seen == hit.seen {
             return;
         }
         if hits[after].t > hit.t || (hits[after].t == hit.t && hits[after].leaf > hit.leaf) {

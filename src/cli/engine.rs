@@ -14,6 +14,8 @@ use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::hybrid::{GpuHybridError, GpuHybridModel};
 #[cfg(feature = "gpu")]
+use surfcut::gpu::merged::GpuMergedLayers;
+#[cfg(feature = "gpu")]
 use surfcut::gpu::splat::{GpuClipping, GpuSplatError, GpuSplatFrame, GpuSplatModel};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::{Gpu, GpuLayerSource};
@@ -102,6 +104,9 @@ pub fn engine(
     for (leaf, representation) in &args.represent {
         loaded.represent(leaf, *representation)?;
     }
+    if matches!(args.pipeline, Pipeline::Mesh | Pipeline::Hybrid) && args.asks_for_surfels() {
+        report.warnings.push("--clip, --inside and --unknown change nothing: they are of --pipeline splat".to_owned());
+    }
     let density = args.density.density();
     match args.pipeline {
         Pipeline::Reference => Ok(Box::new(ReferenceEngine { products, ..ReferenceEngine::new(loaded, frame)? })),
@@ -121,8 +126,7 @@ pub fn engine(
                 let is_open =
                     |geometry: &LeafGeometry| matches!(geometry, LeafGeometry::Mesh(mesh) if !mesh.is_closed());
                 let is_plain = !is_chosen && !loaded.geometry.iter().any(is_open);
-                let takes_gpu = has_device && products.is_none();
-                if args.pipeline == Pipeline::Auto && is_plain && !takes_gpu {
+                if args.pipeline == Pipeline::Auto && is_plain && !has_device {
                     return surfels(loaded, report);
                 }
                 return hybrid(loaded, "hybrid", products, report);
@@ -167,6 +171,33 @@ fn merged<'f>(camera: &Camera, samples: u32, mut frames: Vec<Box<dyn LayerSource
         1 => frames.swap_remove(0),
         _ => Box::new(MergedLayers::new(camera.clone(), samples, frames)),
     }
+}
+
+/// The same on the GPU.
+#[cfg(feature = "gpu")]
+fn gpu_merged<'f>(
+    camera: &Camera,
+    samples: u32,
+    mut frames: Vec<Box<dyn GpuLayerSource + 'f>>,
+) -> Box<dyn GpuLayerSource + 'f> {
+    match frames.len() {
+        1 => frames.swap_remove(0),
+        _ => Box::new(GpuMergedLayers::new(camera.clone(), samples, frames)),
+    }
+}
+
+/// What `models` are on the GPU: what is `kept` from the frames before, or uploaded now.
+#[cfg(feature = "gpu")]
+fn uploaded<'u, M: Copy, U, E>(
+    kept: &'u std::cell::OnceCell<Vec<U>>,
+    models: &[M],
+    upload: impl Fn(M) -> Result<U, E>,
+) -> Result<&'u [U], E> {
+    if kept.get().is_none() {
+        // It was empty, and there is but one thread.
+        let _ = kept.set(models.iter().map(|model| upload(*model)).collect::<Result<_, _>>()?);
+    }
+    Ok(kept.get().expect("they were just uploaded"))
 }
 
 /// The judge. Ask for it before a [`SplatScene`] takes the clouds out of `loaded`.
@@ -258,9 +289,9 @@ struct SplatEngine {
     products: Option<Vec<Tree>>,
     /// Their models, over the same leaves.
     parts: Option<Vec<(Model, Option<PartnerLists>)>>,
-    /// The model on the GPU that drew last, and how it clips.
+    /// What is drawn, on the GPU that drew last, and how it clips: the parts, or else the model.
     #[cfg(feature = "gpu")]
-    uploaded: std::cell::OnceCell<(GpuSplatModel, Option<GpuClipping>)>,
+    uploaded: std::cell::OnceCell<Vec<(GpuSplatModel, Option<GpuClipping>)>>,
 }
 
 impl SplatEngine {
@@ -326,27 +357,29 @@ impl Engine for SplatEngine {
         camera: &Camera,
         frame: FrameArgs,
     ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        if self.parts.is_some() {
-            return Err(BackendError::NotThere("--union products".to_owned()));
-        }
         let refused = |error| match error {
             GpuSplatError::Gpu(error) => BackendError::Gpu(error),
-            GpuSplatError::ExactLeaf { .. } => BackendError::NotThere(
+            GpuSplatError::ExactLeaf { .. } | GpuSplatError::SampledLeaf { .. } => BackendError::NotThere(
                 "meshes or solids with --pipeline splat (with --pipeline hybrid it does)".to_owned(),
             ),
         };
-        if self.uploaded.get().is_none() {
-            let uploaded = GpuSplatModel::new(gpu, &self.model).map_err(refused)?;
-            // It was empty, and there is but one thread.
-            let lists = self.partners.as_deref();
-            let clipping =
-                GpuClipping::new(gpu, &self.model, &uploaded, self.settings, lists).map_err(BackendError::Gpu)?;
-            let _ = self.uploaded.set((uploaded, clipping));
-        }
-        let (uploaded, clipping) = self.uploaded.get().expect("it was just uploaded");
+        let models: Vec<(&Model, Option<&PartnerLists>)> = match &self.parts {
+            None => vec![(&self.model, self.partners.as_deref())],
+            Some(parts) => parts.iter().map(|(model, lists)| (model, lists.as_ref())).collect(),
+        };
+        let upload = |(model, lists): (&Model, Option<&PartnerLists>)| {
+            let uploaded = GpuSplatModel::new(gpu, model)?;
+            let clipping = GpuClipping::new(gpu, model, &uploaded, self.settings, lists)?;
+            Ok((uploaded, clipping))
+        };
+        let uploaded = uploaded(&self.uploaded, &models, upload).map_err(refused)?;
         let FrameArgs { samples, limit, .. } = frame;
-        let frame = GpuSplatFrame::new(&self.model, uploaded, camera.clone(), limit, samples, clipping.as_ref());
-        Ok(Box::new(frame.map_err(refused)?))
+        let mut frames: Vec<Box<dyn GpuLayerSource + '_>> = Vec::new();
+        for ((model, _), (uploaded, clipping)) in models.into_iter().zip(uploaded) {
+            let frame = GpuSplatFrame::new(model, uploaded, camera.clone(), limit, samples, clipping.as_ref());
+            frames.push(Box::new(frame.map_err(refused)?));
+        }
+        Ok(gpu_merged(camera, samples, frames))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
@@ -375,9 +408,9 @@ struct HybridEngine {
     /// Their models, over the same leaves.
     parts: Option<Vec<HybridModel>>,
     frame: FrameArgs,
-    /// The model on the GPU that drew last.
+    /// What is drawn, on the GPU that drew last: the parts, or else the model.
     #[cfg(feature = "gpu")]
-    uploaded: std::cell::OnceCell<GpuHybridModel>,
+    uploaded: std::cell::OnceCell<Vec<GpuHybridModel>>,
 }
 
 impl HybridEngine {
@@ -415,6 +448,12 @@ impl HybridEngine {
     fn part(&mut self) {
         let part = |tree: &Tree| self.model.with_tree(tree);
         self.parts = self.products.as_ref().map(|products| products.iter().map(part).collect());
+    }
+
+    /// What is drawn: the parts, or else the model.
+    #[cfg(feature = "gpu")]
+    fn models(&self) -> Vec<&HybridModel> {
+        self.parts.as_ref().map_or_else(|| vec![&self.model], |parts| parts.iter().collect())
     }
 }
 
@@ -468,9 +507,6 @@ impl Engine for HybridEngine {
         camera: &Camera,
         frame: FrameArgs,
     ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
-        if self.parts.is_some() {
-            return Err(BackendError::NotThere("--union products".to_owned()));
-        }
         let refused = |error| match error {
             GpuHybridError::OpenMesh { leaf } => {
                 BackendError::NotThere(format!("the open mesh of leaf `{}` as a solid", self.names[leaf.0 as usize]))
@@ -478,25 +514,27 @@ impl Engine for HybridEngine {
             GpuHybridError::Gpu(error) | GpuHybridError::Surfels(GpuSplatError::Gpu(error)) => BackendError::Gpu(error),
             GpuHybridError::Surfels(error) => BackendError::NotThere(format!("this scene ({error})")),
         };
-        if self.uploaded.get().is_none() {
-            let uploaded = GpuHybridModel::new(gpu, &self.model).map_err(refused)?;
-            // It was empty, and there is but one thread.
-            let _ = self.uploaded.set(uploaded);
-        }
-        let uploaded = self.uploaded.get().expect("it was just uploaded");
+        let models = self.models();
+        let uploaded = uploaded(&self.uploaded, &models, |model| GpuHybridModel::new(gpu, model)).map_err(refused)?;
         let FrameArgs { samples, limit, .. } = frame;
-        Ok(Box::new(uploaded.frame(&self.model, camera, limit, samples).map_err(refused)?))
+        let mut frames: Vec<Box<dyn GpuLayerSource + '_>> = Vec::new();
+        for (model, uploaded) in models.into_iter().zip(uploaded) {
+            frames.push(Box::new(uploaded.frame(model, camera, limit, samples).map_err(refused)?));
+        }
+        Ok(gpu_merged(camera, samples, frames))
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {
         // What the parts share with the model is about to change.
         self.parts = None;
         self.model.pose(motions)?;
+        self.part();
         #[cfg(feature = "gpu")]
-        if self.uploaded.get().is_some_and(|uploaded| !uploaded.is_of(&self.model)) {
+        if let Some(uploaded) = self.uploaded.get()
+            && !self.models().into_iter().zip(uploaded).all(|(model, uploaded)| uploaded.is_of(model))
+        {
             self.uploaded.take();
         }
-        self.part();
         Ok(())
     }
 }
@@ -553,12 +591,15 @@ impl Engine for MeshEngine {
         frame: FrameArgs,
     ) -> Result<Box<dyn GpuLayerSource + '_>, BackendError> {
         let FrameArgs { samples, limit, .. } = frame;
-        if self.parts.is_some() {
-            return Err(BackendError::NotThere("--union products".to_owned()));
-        }
-        let frame = MeshFrame::new(&self.model, camera.clone(), limit, samples);
-        let frame = GpuMeshFrame::new(frame, Classifier::default());
-        Ok(Box::new(frame.with_length(std::rc::Rc::clone(&self.list_length))))
+        let frame = |model| -> Box<dyn GpuLayerSource + '_> {
+            let frame = MeshFrame::new(model, camera.clone(), limit, samples);
+            let frame = GpuMeshFrame::new(frame, Classifier::default());
+            Box::new(frame.with_length(std::rc::Rc::clone(&self.list_length)))
+        };
+        Ok(match &self.parts {
+            None => frame(&self.model),
+            Some(parts) => gpu_merged(camera, samples, parts.iter().map(frame).collect()),
+        })
     }
 
     fn pose(&mut self, motions: &[(LeafId, Motion)]) -> anyhow::Result<()> {

@@ -29,7 +29,7 @@ gpu_struct! {
     }
 }
 
-/// Bit of [`CrossingRecord::flags`]: the ray is inside of the leaf behind it.
+/// Bit of [`CrossingRecord::flags`]: the ray is inside of the leaf behind it. Means nothing for sheets.
 pub const CROSSING_ENTERS: u32 = 1;
 /// Bit of [`CrossingRecord::flags`]: the surface shows there; a half-space shows only within its square.
 pub const CROSSING_SHOWS: u32 = 2;

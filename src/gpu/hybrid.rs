@@ -6,8 +6,9 @@
 //! exact leaves ──► blister::GpuMeshFrame
 //! ```
 //!
-//! *Practice.* As on the CPU neither pipeline knows the other, and the seam is [`crossings`](super::crossings). An open mesh is refused:
-//! where its crossings do not alternate its inside is a winding number, which the CPU takes in `f64` ([`crate::hybrid::open`]).
+//! *Practice.* As on the CPU neither pipeline knows the other, and the seam is [`crossings`](super::crossings). A solid whose
+//! mesh is open is refused: where its crossings do not alternate its inside is a winding number, which the CPU takes in `f64`
+//! ([`crate::hybrid::open`]).
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -24,8 +25,8 @@ use crate::space::Camera;
 /// Why the GPU does not draw a scene of several representations.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GpuHybridError {
-    /// The inside of a mesh is not what its crossings tell.
-    #[error("the mesh of leaf {} is open, and the GPU tells inside from outside by crossings alone", leaf.0)]
+    /// The inside of a solid is not what its crossings tell. Open sheets are drawn: nothing is inside of them.
+    #[error("leaf {} is a solid whose mesh is open, and the GPU tells inside from outside by crossings alone", leaf.0)]
     OpenMesh {
         /// Which.
         leaf: LeafId,

@@ -108,7 +108,9 @@ pub trait GpuLayerSource {
     fn camera(&self) -> &Camera;
     /// Samples a pixel.
     fn samples(&self) -> u32;
-    /// The boundaries of `rect`, which lies within the picture. The same bits whatever was asked for before.
+    /// The boundaries of `rect`, which lies within the picture. The same bits whenever this `rect` is asked for. A pixel of another one
+    /// may differ where triangles are rasterised, by the rounding of the device's viewport: on the common edge of two triangles it may
+    /// take the other one, and on a silhouette come or go.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the rectangle has too many records, or too much went into them, for one buffer: ask for its

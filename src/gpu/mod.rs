@@ -16,6 +16,7 @@ pub mod device;
 pub mod hybrid;
 pub mod layers;
 pub mod layout;
+pub mod merged;
 pub mod scan;
 pub mod shader;
 pub mod splat;

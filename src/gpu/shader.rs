@@ -48,7 +48,7 @@ pub const WORKGROUP: u32 = 64;
 
 /// Every module, as [`Gpu`](super::Gpu) may be asked to compile it.
 pub fn all() -> Vec<Shader> {
-    let mut all = vec![super::scan::shader()];
+    let mut all = vec![super::scan::shader(), super::merged::shader()];
     // One word, and more than one.
     all.extend([1, 5].map(super::blister::shader));
     all.extend(super::composite::shaders());

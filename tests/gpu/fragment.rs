@@ -82,7 +82,6 @@ fn hold(gpu: &Gpu, model: &Model, camera: &Camera, samples: u32, settings: Splat
 fn hold_limit(gpu: &Gpu, model: &Model, camera: &Camera, (limit, samples): (LayerLimit, u32), settings: SplatSettings) {
     let (on_cpu, on_gpu) = draw_both(gpu, model, camera, (limit, samples), settings);
     let compared = compare(camera, &on_cpu, &on_gpu);
-    println!("{settings:?} {limit:?}: {compared:?}");
     assert!(compared.covered > 700, "{compared:?}");
     // A tie is one pixel, however small the picture is.
     let allowed = (ALLOWED * compared.covered as f64).max(1.0);

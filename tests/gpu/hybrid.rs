@@ -8,8 +8,8 @@ use glam::{DAffine3, DVec3};
 use surfcut::blister::{MeshLeaf, MeshShape};
 use surfcut::classify::{LeafField, LeafLook, Model};
 use surfcut::csg::LeafId;
-use surfcut::geometry::Solid;
 use surfcut::geometry::exact::Exact;
+use surfcut::geometry::{Solid, TriMesh};
 use surfcut::gpu::hybrid::{GpuHybridError, GpuHybridModel};
 use surfcut::gpu::layers::in_parts;
 use surfcut::gpu::splat::{GpuSplatError, GpuSplatFrame, GpuSplatModel};
@@ -34,6 +34,8 @@ pub const TESTS: &[Test] = &[
     ("hybrid_an_eye_inside_of_a_solid", an_eye_inside_of_a_solid),
     ("hybrid_a_section_without_perspective", a_section_without_perspective),
     ("hybrid_several_samples_a_pixel", several_samples_a_pixel),
+    ("hybrid_many_plates_at_several_samples", many_plates_at_several_samples),
+    ("hybrid_plates_whose_depths_round_to_one", plates_whose_depths_round_to_one),
     ("hybrid_leaves_that_light_shines_through", leaves_that_light_shines_through),
     ("hybrid_sheets_of_either_kind", sheets_of_either_kind),
     ("hybrid_forty_leaves", forty_leaves),
@@ -252,6 +254,67 @@ fn several_samples_a_pixel(gpu: &'static Gpu) {
     hold_samples(gpu, "16", &model("a - c", &leaves), &small, 16);
 }
 
+/// Plates behind one another along y, from `first` on, as one mesh.
+fn plates(count: usize, first: f64, apart: f64, side: f64) -> TriMesh {
+    let mut all = TriMesh::default();
+    for number in 0..count {
+        let y = first + apart * number as f64;
+        let plate = Solid::Box { min: DVec3::new(-side, y, -side), max: DVec3::new(side, y + 0.5 * apart, side) };
+        let plate = plate.tessellate(1e-2).unwrap();
+        let corners = all.positions.len() as u32;
+        all.positions.extend(plate.positions);
+        all.triangles.extend(plate.triangles.iter().map(|triangle| triangle.map(|corner| corner + corners)));
+    }
+    all
+}
+
+/// A scan and a mesh under an expression over `a` and `b`.
+fn scan_and_mesh(text: &str, (scanned, kind): (&Solid, LeafKind), mesh: TriMesh) -> HybridModel {
+    let mesh = Arc::new(mesh);
+    let crossed = MeshLeaf {
+        leaf: LeafId(1),
+        shape: MeshShape::Mesh(Arc::clone(&mesh)),
+        world_from_leaf: DAffine3::IDENTITY,
+        colour: [0.5; 3],
+        vertex_colours: false,
+        opacity: 1.0,
+        kind: LeafKind::Solid,
+    };
+    let exact = Exact::mesh(mesh, DAffine3::IDENTITY).unwrap();
+    let field = LeafField::new(SurfelCloud::default(), Some(exact), LeafKind::Solid);
+    let mut scanned = scan(scanned, SPACING, DVec3::ZERO);
+    scanned.kind = kind;
+    let model = Model::new(&tree(text), vec![scanned, field], looks(2));
+    HybridModel::new(model, exact_model(&[crossed]).unwrap())
+}
+
+/// Eight pixels by eight.
+fn few_pixels(eye: DVec3, fov_y: f64) -> Camera {
+    Camera::look_at(eye, eye + DVec3::Y, DVec3::Z, Lens::FovY(fov_y), 8, 8).unwrap()
+}
+
+fn many_plates_at_several_samples(gpu: &'static Gpu) {
+    // Nothing is asked of a sheet, so that all that is long are the lists of a pixel.
+    let model = scan_and_mesh("a | b", (&sphere([40.0, 0.0, 0.0], 0.1), LeafKind::Sheet), plates(190, 0.0, 0.1, 1.0));
+    let camera = few_pixels(DVec3::new(0.0, -4.0, 0.0), 2.0);
+    let on_cpu = model.frame(&camera, LayerLimit::All, 2).draw(whole(&camera));
+    assert_eq!(on_cpu.offsets.windows(2).map(|w| w[1] - w[0]).min(), Some(380));
+    let compared = compare(&camera, &on_cpu, &on_gpu(gpu, &model, &camera, LayerLimit::All, 2));
+    assert_eq!(compared.differing, 0, "{compared:?}");
+}
+
+fn plates_whose_depths_round_to_one(gpu: &'static Gpu) {
+    // A hit's depth is told from that of the block's first surfel, which here is so far that those of all plates are one.
+    let far = 1e5;
+    let half = Solid::HalfSpace { point: DVec3::Y * far, normal: -DVec3::Y, extent: 1.0 };
+    let model = scan_and_mesh("a | b", (&half, LeafKind::Solid), plates(5, 1.0, 1e-4, 0.5));
+    let camera = few_pixels(DVec3::ZERO, 1e-3);
+    let on_cpu = model.frame(&camera, LayerLimit::All, 1).draw(whole(&camera));
+    let on_gpu = on_gpu(gpu, &model, &camera, LayerLimit::All, 1);
+    assert!(on_cpu.offsets.windows(2).all(|w| w[1] - w[0] >= 10), "{:?}", on_cpu.offsets);
+    assert_eq!(on_gpu.offsets, on_cpu.offsets);
+}
+
 fn leaves_that_light_shines_through(gpu: &'static Gpu) {
     let mut leaves = [ball(), leaf(Own, block()), leaf(Mesh, drill())];
     for (leaf, opacity) in leaves.iter_mut().zip([0.4, 0.7, 1.0]) {
@@ -401,6 +464,13 @@ fn the_program_chooses_what_a_gpu_draws(_: &'static Gpu) {
     let (on_cpu, on_gpu) = (picture("cpu"), picture("gpu"));
     let differing = on_cpu.pixels().zip(on_gpu.pixels()).filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 2));
     assert!(differing.count() <= 2);
+    // What is asked for in another way is refused for that, not for the solids beside it.
+    let clipped = render("clipped", &["--backend", "gpu", "--clip", "fragment"]);
+    let told = String::from_utf8_lossy(&clipped.stderr).into_owned();
+    assert!(!clipped.status.success() && told.contains("clipped in another way"), "{told}");
+    let ignored = render("ignored", &["--backend", "cpu", "--pipeline", "hybrid", "--clip", "fragment"]);
+    let told = String::from_utf8_lossy(&ignored.stderr).into_owned();
+    assert!(ignored.status.success() && told.contains("change nothing"), "{told}");
     // Samples of solids are not what the GPU draws.
     let refused = render("splat", &["--backend", "gpu", "--pipeline", "splat"]);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();

@@ -6,6 +6,7 @@ mod composite;
 mod core;
 mod fragment;
 mod hybrid;
+mod merged;
 mod shadow;
 mod splat;
 
@@ -19,9 +20,17 @@ pub type Test = (&'static str, fn(&'static Gpu));
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
-    let tests: Vec<Test> =
-        [core::TESTS, blister::TESTS, composite::TESTS, shadow::TESTS, splat::TESTS, fragment::TESTS, hybrid::TESTS]
-            .concat();
+    let tests: Vec<Test> = [
+        core::TESTS,
+        blister::TESTS,
+        composite::TESTS,
+        shadow::TESTS,
+        splat::TESTS,
+        fragment::TESTS,
+        hybrid::TESTS,
+        merged::TESTS,
+    ]
+    .concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {
         Ok(gpu) => Some(Box::leak(Box::new(gpu))),
         Err(error) if std::env::var_os("SURFCUT_NEEDS_GPU").is_some() => {

@@ -1,8 +1,9 @@
 //! What the mesh pipeline tells others on the GPU: the twin of `blister::frame::crossings`.
 //!
 //! *Practice.* The same lists of fragments as for a picture; they are sorted, told which way they go, and written out, and the
-//! expression is not asked. A closed leaf's crossings enter and leave it in turn, and whether a ray begins inside is their parity. An
-//! open mesh is not decided here: whoever has one does not ask.
+//! expression is not asked. A closed leaf's crossings enter and leave it in turn, and whether a ray begins inside is their parity. A
+//! sheet's, closed or open, say only where it is: which of them have `CROSSING_ENTERS` means nothing. A solid whose mesh is open is not
+//! decided here: whoever has one does not ask.
 
 use super::arrangement::{Frame, Uploaded};
 use super::frame::{GpuMeshFrame, Sample};

@@ -21,9 +21,6 @@ use crate::splat::frame::margin_px;
 use crate::splat::project::View;
 use crate::splat::{Clip, Partners, SplatSettings};
 
-/// Groups and hits that a frame has room for at first: what a quarter of a million pixels with four surfaces each take.
-const FIRST_ROOM: u32 = 1 << 20;
-
 /// A frame of a classified scene: the twin of [`crate::splat::Frame`].
 #[derive(Debug)]
 pub struct GpuSplatFrame<'a> {
@@ -33,7 +30,8 @@ pub struct GpuSplatFrame<'a> {
     limit: LayerLimit,
     samples: u32,
     chunks: Chunks,
-    room: Room,
+    /// In place of the model's.
+    room: Option<Room>,
     /// The words of the clipping with the partners that meet in the picture, once they are found.
     found: OnceLock<wgpu::Buffer>,
     /// Finds the leaves that have no surfels.
@@ -98,7 +96,7 @@ impl<'a> GpuSplatFrame<'a> {
             limit,
             samples,
             chunks,
-            room: Room::new(FIRST_ROOM),
+            room: None,
             found: OnceLock::new(),
             source,
         }
@@ -109,10 +107,10 @@ impl<'a> GpuSplatFrame<'a> {
         self.clipping.map_or(SplatSettings::default(), GpuClipping::settings)
     }
 
-    /// The same with room for `count` groups and hits at first. It grows where that does not do.
+    /// The same with room for `count` groups and hits at first, in place of what the frames before took. It grows where that does not do.
     #[must_use]
     pub fn with_room(mut self, count: u32) -> Self {
-        self.room = Room::new(count);
+        self.room = Some(Room::new(count));
         self
     }
 
@@ -203,7 +201,8 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
             leaf_words,
             way: Way::Fields { source: self.source.as_deref() },
         };
-        let Some(clipping) = self.clipping else { return scene.trace(gpu, &of, rect, self.samples, &self.room) };
+        let room = self.room.as_ref().unwrap_or(&self.model.room);
+        let Some(clipping) = self.clipping else { return scene.trace(gpu, &of, rect, self.samples, room) };
         let stack_words = clipping.stack_words;
         (scene.far, scene.tables) = (&clipping.rows, self.words(gpu, clipping)?);
         let footprints;
@@ -214,6 +213,6 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
                 Way::Fragments { footprints: &footprints, stack_words }
             }
         };
-        scene.trace(gpu, &of, rect, self.samples, &self.room)
+        scene.trace(gpu, &of, rect, self.samples, room)
     }
 }

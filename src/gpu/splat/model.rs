@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::far::Far;
 use super::tables::{self, Kind};
+use super::trace::Room;
 use crate::classify::{LeafField, Model};
 use crate::csg::LeafId;
 use crate::gpu::{Gpu, GpuError};
@@ -12,12 +13,21 @@ use crate::gpu_struct;
 use crate::splat::project::LeafLook;
 use crate::surfel::CHUNK;
 
+/// Groups and hits that there is room for at first: what a quarter of a million pixels with four surfaces each take.
+const FIRST_ROOM: u32 = 1 << 20;
+
 /// Why the GPU does not draw a scene of surfels.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GpuSplatError {
     /// A leaf keeps its own form, and nobody tells where rays cross it.
-    #[error("leaf {} keeps its own form, which the GPU's surfel pipeline does not find by itself: use --pipeline hybrid", leaf.0)]
+    #[error("leaf {} keeps its own form, which surfels alone do not find: use --pipeline hybrid", leaf.0)]
     ExactLeaf {
+        /// Which.
+        leaf: LeafId,
+    },
+    /// A leaf has its own form beside surfels, which the CPU asks on which side of it a point is.
+    #[error("leaf {} is sampled and asked for its own form, which the GPU does not: use --pipeline hybrid", leaf.0)]
+    SampledLeaf {
         /// Which.
         leaf: LeafId,
     },
@@ -87,24 +97,26 @@ pub struct GpuSplatModel {
     /// The origin of what is far, world space.
     pub(super) origin: DVec3,
     pub(super) leaves: usize,
-    /// The first leaf that crossings have to tell of.
+    /// The first leaf of the expression that crossings have to tell of.
     pub(super) exact: Option<LeafId>,
     /// [`tables::LEAF_BITS`] to a word.
     pub(super) leaf_words: u32,
+    /// What the frames before took.
+    pub(super) room: Room,
 }
 
 impl GpuSplatModel {
     /// Uploads `model`.
     ///
     /// # Errors
-    /// [`GpuSplatError::ExactLeaf`] for a leaf that has surfels beside its own form, and [`GpuError::TooLarge`] where what decides sides
+    /// [`GpuSplatError::SampledLeaf`], and [`GpuError::TooLarge`] where what decides sides
     /// far from surfels, or the expression's tables, fit no buffer. Surfels themselves are split.
     pub fn new(gpu: &Gpu, model: &Model) -> Result<Self, GpuSplatError> {
         let first = |is_it: &dyn Fn(&LeafField) -> bool| {
             model.fields.iter().position(|field| is_it(field)).map(|leaf| LeafId(leaf as u32))
         };
         if let Some(leaf) = first(&|field| field.exact.is_some() && !field.cloud.is_empty()) {
-            return Err(GpuSplatError::ExactLeaf { leaf });
+            return Err(GpuSplatError::SampledLeaf { leaf });
         }
         let origin = middle(model);
         let far = Far::of(model, origin);
@@ -117,8 +129,9 @@ impl GpuSplatModel {
             far: gpu.upload("far sides", &far.rows)?,
             origin,
             leaves: model.fields.len(),
-            exact: first(&|field| field.exact.is_some()),
+            exact: model.tree.leaves().into_iter().find(|leaf| model.fields[leaf.0 as usize].exact.is_some()),
             leaf_words: tables::leaf_words(model.fields.len()),
+            room: Room::new(FIRST_ROOM),
         })
     }
 

@@ -135,6 +135,7 @@ pub(super) fn merge() -> Shader {
         .with_struct::<Hit>()
         .with_constant("GROUPS_NEEDED", GROUPS_NEEDED)
         .with_constant("GROUPS_MOST", GROUPS_MOST)
+        .with_constant("UNFINISHED", UNFINISHED)
         .with_constant("FIRST_PIXEL", FIRST_PIXEL)
         .with_text(include_str!("../../../shaders/splat/merge.wgsl"))
 }
