@@ -360,7 +360,11 @@ impl Engine for SplatEngine {
         let refused = |error| match error {
             GpuSplatError::Gpu(error) => BackendError::Gpu(error),
             GpuSplatError::ExactLeaf { .. } | GpuSplatError::SampledLeaf { .. } => BackendError::NotThere(
-                "meshes or solids with --pipeline splat (with --pipeline hybrid it does)".to_owned(),
+                match self.settings.takes_crossings() {
+                    true => "meshes or solids with --pipeline splat (with --pipeline hybrid it does)",
+                    false => "meshes or solids beside scans that are clipped in another way than the default one",
+                }
+                .to_owned(),
             ),
         };
         let models: Vec<(&Model, Option<&PartnerLists>)> = match &self.parts {

@@ -113,9 +113,11 @@ fn without_ties(
     places
 }
 
-/// The same by both rules.
+/// Both rules, each with one of the limits; both limits of either are held where there are several samples, and about the eye.
 fn hold_both(gpu: &Gpu, model: &Model, camera: &Camera) {
-    BOTH_RULES.into_iter().for_each(|settings| hold(gpu, model, camera, 1, settings));
+    for (settings, limit) in BOTH_RULES.into_iter().zip([LayerLimit::Nearest, LayerLimit::All]) {
+        hold_limit(gpu, model, camera, (limit, 1), settings);
+    }
 }
 
 fn three_spheres() -> [Solid; 3] {
