@@ -107,6 +107,7 @@ impl LightGrid {
     }
 
     /// The middle of what throws shadows, world space.
+    #[cfg(feature = "gpu")]
     pub(crate) fn centre(&self) -> DVec3 {
         self.centre
     }
