@@ -313,6 +313,7 @@ struct FieldAt {
     values: f32,
     /// Of their quadrics' normals.
     normals: Vec3,
+    /// Of their radii.
     radii: f32,
 }
 

@@ -572,14 +572,16 @@ fn resolve_crossed<S: Simd>(
         let mask = open;
         for lane in (0..LANES).filter(|lane| mask >> lane & 1 == 1) {
             let Some(peel) = &peels[lane] else { continue };
-            let mut radius = None;
+            // The largest of the scans that coincide with the peel.
+            let mut radius: Option<f32> = None;
             let hit = crossed.boundary(&mut walks[lane], peel, |leaf| {
                 let told = *known[leaf.0 as usize].get_or_insert_with(|| {
                     let hits = Hits { t: &t, of_lane: &|lane| of_peel[lane], at, mask };
                     sides(row, tile, runs, None, leaf, hits, cache, scratch)
                 });
                 if told.is_tied(lane) {
-                    radius = Some(tile.model.fields[leaf.0 as usize].largest_radius());
+                    let own = tile.model.fields[leaf.0 as usize].largest_radius();
+                    radius = Some(radius.map_or(own, |other| other.max(own)));
                 }
                 told.is_inside(lane)
             });
