@@ -30,6 +30,7 @@ pub(crate) mod test_scenes;
 mod tied;
 #[cfg(test)]
 mod tied_tests;
+mod turns;
 
 pub use frame::Frame;
 pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

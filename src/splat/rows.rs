@@ -146,6 +146,11 @@ pub struct Slot<S: Simd> {
 }
 
 impl<S: Simd> Slot<S> {
+    /// Largest weight of a candidate of `lane`.
+    pub fn best_weight(&self, lane: usize) -> f32 {
+        self.best_weight[lane]
+    }
+
     /// Mean depth of the candidates, relative to the tile's anchor.
     #[inline(always)]
     pub fn depth(&self) -> f32x8<S> {
@@ -308,6 +313,8 @@ fn join<S: Simd>(
 pub struct Solution<S: Simd> {
     /// Lanes that hit.
     pub lanes: mask32x8<S>,
+    /// Lanes that seem to pass the surface although they meet it by what the nearest surfel says.
+    pub dropped: mask32x8<S>,
     /// Those of them where no surfel but the nearest speaks for the surface: its normal and colour count.
     pub weightless: mask32x8<S>,
     /// Depth relative to the tile's anchor.
@@ -321,7 +328,7 @@ pub struct Solution<S: Simd> {
 }
 
 /// Solves for the surface of `slot` on the field of its leaf (module text, *Theory*). `refine` adds that many steps on
-/// the field with its weights renewed at the hit.
+/// the field with its weights renewed at the hit. With `crosses` the rays are known to meet the surface, and none is dropped.
 #[inline(always)]
 pub fn solve<S: Simd>(
     row: &Row<S>,
@@ -330,6 +337,7 @@ pub fn solve<S: Simd>(
     slot: &Slot<S>,
     wanted: mask32x8<S>,
     refine: u32,
+    crosses: bool,
     reaching: &mut Vec<u32>,
 ) -> Solution<S> {
     let zero = row.splat(0.0);
@@ -378,7 +386,9 @@ pub fn solve<S: Simd>(
     let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
     let ray = row.dir_x * row.dir_x + (row.dir_y * row.dir_y + 1.0);
     let steep = (along * along).simd_gt(length * ray * GRAZING_COSINE_SQUARED) | weight.simd_le(LEAST_WEIGHT);
-    let kept = lanes & !solved & steep & slot.best_weight.simd_gt(SURE_WEIGHT);
+    let sure = lanes & !solved & slot.best_weight.simd_gt(SURE_WEIGHT);
+    let kept = if crosses { sure } else { sure & steep };
+    let dropped = sure & !kept;
     lanes = solved | kept;
     let tau = solved.select(tau, zero);
     let mut t = solved.select(start + tau, slot.best_depth);
@@ -410,7 +420,7 @@ pub fn solve<S: Simd>(
     }
     let share = row.splat(1.0) / weight;
     let weightless = lanes & weight.simd_le(LEAST_WEIGHT);
-    Solution { lanes, weightless, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
+    Solution { lanes, dropped, weightless, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
 }
 
 /// One surfel's terms of the field at depth `t`.

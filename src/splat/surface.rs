@@ -24,6 +24,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::clip::{ClipScratch, Clipper};
 use super::crossed::{Crossed, Peel, Walk};
 use super::hits::{Hit, finish_ray};
+use super::turns::{self, Dropped, Found, Mended};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot, Span};
 use super::settle::Settled;
@@ -82,6 +83,10 @@ pub struct Scratch<S: Simd> {
     known: Vec<Option<Told>>,
     clip: ClipScratch,
     walks: [Walk; LANES],
+    /// Crossings with the leaf of the run, on the result or not, and the groups of candidates that were dropped.
+    crossings: [Vec<Found>; LANES],
+    dropped: [Vec<Dropped>; LANES],
+    mended: Mended,
     /// Crossings with surfaces that others may coincide with.
     tied: [Vec<Tied>; LANES],
 }
@@ -96,6 +101,9 @@ impl<S: Simd> Default for Scratch<S> {
             known: Vec::new(),
             clip: ClipScratch::default(),
             walks: Default::default(),
+            crossings: Default::default(),
+            dropped: Default::default(),
+            mended: Mended::default(),
             tied: Default::default(),
         }
     }
@@ -226,6 +234,8 @@ pub fn trace_row<S: Simd>(
     for run in runs {
         let field = &tile.model.fields[run.leaf.0 as usize];
         let generous = field.exact.is_some();
+        scratch.crossings.iter_mut().for_each(Vec::clear);
+        scratch.dropped.iter_mut().for_each(Vec::clear);
         let mut slots = std::mem::take(&mut scratch.slots);
         slots.clear();
         // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
@@ -237,7 +247,8 @@ pub fn trace_row<S: Simd>(
             let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
             rows::touching(&row, &tile.spans, members, depths, &mut touching);
             rows::detect(&row, &tile.surfels, &touching[before..], generous, hidden_from, &mut slots);
-            for slot in slots.iter().filter(|slot| slot.front == front) {
+            for (number, slot) in slots.iter().enumerate().filter(|(_, slot)| slot.front == front) {
+                let group = Group { slot, number, crosses: false };
                 resolve(
                     &row,
                     tile,
@@ -245,7 +256,7 @@ pub fn trace_row<S: Simd>(
                     crossed,
                     run,
                     &touching,
-                    slot,
+                    group,
                     nearest_only,
                     &mut hidden_from,
                     at,
@@ -254,6 +265,44 @@ pub fn trace_row<S: Simd>(
                     hits,
                 );
             }
+        }
+        // Crossings out of turn: some were dropped, others are none.
+        for lane in 0..LANES {
+            if turns::are_taken(&mut scratch.crossings[lane]) && scratch.dropped[lane].is_empty() {
+                continue;
+            }
+            let begins = cache.inside(field, run.leaf, ray_of(tile, at, lane).at(0.0));
+            let mut mended = std::mem::take(&mut scratch.mended);
+            turns::mend(&scratch.crossings[lane], &scratch.dropped[lane], begins, &mut mended);
+            for t in &mended.stray {
+                hits[lane].retain(|hit| !(hit.leaf == run.leaf.0 && hit.t == *t));
+                scratch.tied[lane].retain(|hit| !(hit.leaf == run.leaf && hit.t == *t));
+            }
+            if nearest_only && !mended.stray.is_empty() {
+                let opaque = hits[lane].iter().filter(|hit| hit.opacity >= 1.0).map(|hit| hit.t);
+                hidden_from[lane] = opaque.fold(f32::INFINITY, f32::min);
+            }
+            for &number in &mended.needed {
+                let mut slot = slots[number];
+                slot.lanes &= mask32x8::from_bitmask(simd, 1 << lane);
+                let group = Group { slot: &slot, number, crosses: true };
+                resolve(
+                    &row,
+                    tile,
+                    runs,
+                    crossed,
+                    run,
+                    &touching,
+                    group,
+                    nearest_only,
+                    &mut hidden_from,
+                    at,
+                    cache,
+                    scratch,
+                    hits,
+                );
+            }
+            scratch.mended = mended;
         }
         scratch.slots = slots;
         scratch.touching = touching;
@@ -307,6 +356,15 @@ fn px_of(tile: &Tile<'_>, at: At, lane: usize) -> DVec2 {
     DVec2::new(f64::from(tile.rect.x0 + at.0) + lane as f64 + at.2.x, f64::from(tile.rect.y0 + at.1) + at.2.y)
 }
 
+/// Candidates for one surface of a leaf.
+struct Group<'s, S: Simd> {
+    slot: &'s Slot<S>,
+    /// Its place among those of the leaf.
+    number: usize,
+    /// Whether the rays are known to cross it.
+    crosses: bool,
+}
+
 /// Solves one surface, clips it and keeps what is on the result.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
@@ -317,7 +375,7 @@ fn resolve<S: Simd>(
     crossed: Option<&Crossed<'_>>,
     run: &Run<'_>,
     touching: &[u32],
-    slot: &Slot<S>,
+    Group { slot, number, crosses }: Group<'_, S>,
     nearest_only: bool,
     hidden_from: &mut f32x8<S>,
     at: At,
@@ -360,7 +418,7 @@ fn resolve<S: Simd>(
         t = depth;
     } else {
         let steps = if any_edge { EDGE_STEPS } else { 0 };
-        let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, &mut scratch.reaching);
+        let solution = rows::solve(row, &tile.surfels, touching, slot, visible, steps, crosses, &mut scratch.reaching);
         // In front of the eye, and not behind what is already certain to hide it.
         let ahead = solution.t.simd_gt((-tile.anchor) as f32);
         lanes = (solution.lanes & ahead).to_bitmask();
@@ -377,6 +435,21 @@ fn resolve<S: Simd>(
                 normals[lane] = Vec3::from_array(surfel.normal);
                 colours[lane] = surfel.colour;
                 opacities[lane] = surfel.opacity;
+            }
+        }
+        if field.has_steady_sides() {
+            let found = |lane: usize, t: f32| Found {
+                t,
+                enters: slot.front,
+                radius: slot.best_radius[lane],
+                steepness: normals[lane].dot(Vec3::new(row.dir_x[lane], row.dir_y, 1.0)).abs(),
+            };
+            for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
+                scratch.crossings[lane].push(found(lane, t[lane]));
+            }
+            for lane in (0..LANES).filter(|&l| solution.dropped.test(l)) {
+                let crossing = found(lane, slot.best_depth[lane]);
+                scratch.dropped[lane].push(Dropped { crossing, weight: slot.best_weight(lane), slot: number });
             }
         }
     }

@@ -1,0 +1,150 @@
+//! Crossings of a ray with one leaf put in turn: those that were taken for silhouettes found again, and those of stray surfels
+//! left out.
+//!
+//! # Theory
+//! A ray enters and leaves a closed leaf by turns. On a noisy surface that the ray grazes they are found out of turn, for two
+//! reasons, and the far side of the leaf, or what lies behind it, shows through as a speck.
+//! * A group of candidates whose quadratic has no root is a ray that passes the surface ([`super::rows`], *Practice*) and is
+//!   dropped, although the ray crosses it. Where a crossing is out of turn and a group that would go before it was dropped, that
+//!   group was a crossing: the one whose nearest surfel proves most, and the ray has that surfel's hit.
+//! * One surfel that stands out of the surface is crossed once, by the side that faces away. Where no dropped group goes before a
+//!   crossing out of turn, and it lies less than a radius above the surface that is crossed next, it is the crossing itself that is left out.
+//!
+//! # Practice
+//! A ray that misses both sides of the leaf passes a silhouette and is left alone: its crossings take turns without them. A scan
+//! with real holes shows its inside as before, since what is seen through a hole has no other side close behind it. Where only
+//! the nearest surface is wanted, crossings behind it are not looked for, and what is out of turn behind the last one found is not
+//! known.
+
+/// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
+/// its own.
+const MOST_STRAY_IN_RADII: f32 = 1.0;
+
+/// A crossing of one ray with a leaf.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Depth less the tile's anchor.
+    pub t: f32,
+    /// Whether the leaf is entered.
+    pub enters: bool,
+    /// Radius of the nearest surfel.
+    pub radius: f32,
+    /// How far a step of one in depth takes along the surface's normal.
+    pub steepness: f32,
+}
+
+/// A group of candidates that was dropped.
+#[derive(Debug, Clone, Copy)]
+pub struct Dropped {
+    /// What its nearest surfel says.
+    pub crossing: Found,
+    /// How near that surfel is to the ray.
+    pub weight: f32,
+    /// Which group.
+    pub slot: usize,
+}
+
+/// What puts the crossings of a ray in turn.
+#[derive(Debug, Default, PartialEq)]
+pub struct Mended {
+    /// The dropped groups that are crossings.
+    pub needed: Vec<usize>,
+    /// Depths of crossings that are none.
+    pub stray: Vec<f32>,
+}
+
+/// Sorts the crossings `found` of a ray and tells whether they take turns, if the ray begins outside of the leaf.
+pub fn are_taken(found: &mut [Found]) -> bool {
+    if found.len() > 1 {
+        found.sort_by(|a, b| a.t.total_cmp(&b.t));
+    }
+    found.iter().enumerate().all(|(place, crossing)| crossing.enters == (place % 2 == 0))
+}
+
+/// Mends the crossings `found` of a ray, sorted, which `begins` inside of the leaf or not, with groups of `dropped`.
+pub fn mend(found: &[Found], dropped: &[Dropped], begins: bool, mended: &mut Mended) {
+    mended.needed.clear();
+    mended.stray.clear();
+    let (mut inside, mut nearest) = (begins, f32::NEG_INFINITY);
+    for (place, crossing) in found.iter().enumerate() {
+        if crossing.enters == inside {
+            let lies_between = |d: &&Dropped| d.crossing.t > nearest && d.crossing.t < crossing.t;
+            let turns = |d: &&Dropped| d.crossing.enters != crossing.enters;
+            let candidates = dropped.iter().filter(lies_between).filter(turns);
+            let surest = candidates.max_by(|a, b| a.weight.total_cmp(&b.weight));
+            let follows = |next: &Found| {
+                let out_of_surface = (next.t - crossing.t) * next.steepness;
+                next.enters != crossing.enters && out_of_surface < crossing.radius * MOST_STRAY_IN_RADII
+            };
+            match surest {
+                Some(group) => mended.needed.push(group.slot),
+                None if found.get(place + 1).is_some_and(follows) => {
+                    mended.stray.push(crossing.t);
+                    continue;
+                }
+                None => {}
+            }
+        }
+        (inside, nearest) = (crossing.enters, crossing.t);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn enters(t: f32) -> Found {
+        Found { t, enters: true, radius: 0.1, steepness: 0.25 }
+    }
+
+    fn leaves(t: f32) -> Found {
+        Found { t, enters: false, radius: 0.1, steepness: 0.25 }
+    }
+
+    fn of(found: &[Found], dropped: &[(Found, f32)], begins: bool) -> Mended {
+        let of_slot = |(slot, &(crossing, weight)): (usize, &(Found, f32))| Dropped { crossing, weight, slot };
+        let dropped: Vec<Dropped> = dropped.iter().enumerate().map(of_slot).collect();
+        let mut mended = Mended::default();
+        let mut found = found.to_vec();
+        are_taken(&mut found);
+        mend(&found, &dropped, begins, &mut mended);
+        mended
+    }
+
+    fn needs(slots: &[usize]) -> Mended {
+        Mended { needed: slots.to_vec(), stray: Vec::new() }
+    }
+
+    #[test]
+    fn crossings_that_take_turns_need_nothing() {
+        let silhouette = [(enters(0.5), 1.0), (leaves(0.6), 1.0), (enters(2.5), 1.0), (leaves(4.0), 1.0)];
+        assert_eq!(of(&[enters(1.0), leaves(2.0), enters(3.0)], &silhouette, false), needs(&[]));
+        assert_eq!(of(&[leaves(2.0), enters(3.0)], &silhouette, true), needs(&[]));
+        assert_eq!(of(&[], &silhouette, false), needs(&[]));
+    }
+
+    #[test]
+    fn the_surest_group_between_two_of_one_kind_comes_back() {
+        let dropped = [(enters(0.5), 0.3), (enters(0.7), 0.6), (leaves(0.8), 0.9), (enters(1.5), 0.9)];
+        assert_eq!(of(&[leaves(1.0)], &dropped, false), needs(&[1]));
+        // Crossings may be found in any order.
+        assert_eq!(of(&[leaves(2.0), leaves(1.0)], &dropped, true), needs(&[3]));
+        assert_eq!(of(&[enters(0.1), enters(1.0)], &dropped, false), needs(&[2]));
+    }
+
+    #[test]
+    fn a_gap_that_no_group_fills_stays() {
+        assert_eq!(of(&[leaves(1.0)], &[(leaves(0.5), 1.0), (enters(1.5), 1.0)], false), needs(&[]));
+        assert_eq!(of(&[leaves(1.0)], &[], false), needs(&[]));
+        // Through a hole: the next surface lies far below.
+        assert_eq!(of(&[leaves(1.0), enters(2.0), leaves(3.0)], &[], false), needs(&[]));
+    }
+
+    #[test]
+    fn the_back_of_a_surfel_that_stands_out_is_left_out() {
+        let stray = Mended { needed: Vec::new(), stray: vec![1.0] };
+        assert_eq!(of(&[leaves(1.0), enters(1.2), leaves(3.0)], &[], false), stray);
+        // Unless its front was dropped.
+        assert_eq!(of(&[leaves(1.0), enters(1.2), leaves(3.0)], &[(enters(0.9), 0.5)], false), needs(&[0]));
+    }
+}
