@@ -1,0 +1,181 @@
+// The twin of src/splat/turns.rs: crossings of the ray with one leaf put in turn, once all groups of the leaf are resolved.
+
+// A crossing was found from the group; a crossing would have been; the ray enters the leaf there; it is one after all. Words of
+// `Group::found`.
+const FOUND: u32 = 1u;
+const DROPPED: u32 = 2u;
+const ENTERS: u32 = 4u;
+const NEEDED: u32 = 8u;
+
+// The leaf's groups that gave crossings, by depth, and those that were dropped.
+var<private> crossings_found: u32;
+var<private> groups_dropped: u32;
+
+// Notes what came of a group: at depth `t` a step of one in depth takes `steepness` along the normal.
+fn note_found(group: u32, what: u32, front: bool, t: f32, steepness: f32) {
+    groups[group].found = what | select(0u, ENTERS, front);
+    groups[group].t = t;
+    groups[group].steepness = steepness;
+}
+
+// Sorts a list of groups into those of crossings, those dropped and those to use again.
+fn sort_out(first: u32) {
+    var group = first;
+    while group != NONE {
+        let next = groups[group].next;
+        if (groups[group].found & FOUND) != 0u {
+            var before = NONE;
+            var after = crossings_found;
+            while after != NONE && groups[after].t <= groups[group].t {
+                before = after;
+                after = groups[after].next;
+            }
+            groups[group].next = after;
+            if before == NONE {
+                crossings_found = group;
+            } else {
+                groups[before].next = group;
+            }
+        } else if (groups[group].found & DROPPED) != 0u {
+            groups[group].next = groups_dropped;
+            groups_dropped = group;
+        } else {
+            groups[group].next = unused;
+            unused = group;
+        }
+        group = next;
+    }
+}
+
+fn group_enters(group: u32) -> bool {
+    return (groups[group].found & ENTERS) != 0u;
+}
+
+// Whether the crossings take turns, if the ray begins outside of the leaf.
+fn are_turns_taken() -> bool {
+    var enters = true;
+    var group = crossings_found;
+    while group != NONE {
+        if group_enters(group) != enters {
+            return false;
+        }
+        enters = !enters;
+        group = groups[group].next;
+    }
+    return true;
+}
+
+// The dropped group that proves most of those that would go before the crossing of `group`, behind depth `nearest`.
+fn surest_dropped(group: u32, nearest: f32) -> u32 {
+    var surest = NONE;
+    var other = groups_dropped;
+    while other != NONE {
+        let lies_between = groups[other].t > nearest && groups[other].t < groups[group].t;
+        if lies_between && group_enters(other) != group_enters(group) {
+            if surest == NONE {
+                surest = other;
+            } else if groups[other].best_weight > groups[surest].best_weight {
+                surest = other;
+            }
+        }
+        other = groups[other].next;
+    }
+    return surest;
+}
+
+// Whether the crossing of `group` is that of a stray surfel above the surface that is crossed next.
+fn is_stray(group: u32) -> bool {
+    let next = groups[group].next;
+    if next == NONE {
+        return false;
+    }
+    let out_of_surface = (groups[next].t - groups[group].t) * groups[next].steepness;
+    let most = views[groups[group].best].radius * MOST_STRAY_IN_RADII;
+    return group_enters(next) != group_enters(group) && out_of_surface < most;
+}
+
+// Takes the leaf's hit at depth `t` out of the pixel's list.
+fn take_out(pixel: u32, leaf: u32, t: f32) {
+    var before = NONE;
+    var hit = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
+    while hit != NONE {
+        let next = hits[hit].next;
+        if hits[hit].leaf == leaf && hits[hit].t == t {
+            if before == NONE {
+                atomicStore(&pixels[FIRST_PIXEL + pixel], next);
+            } else {
+                hits[before].next = next;
+            }
+        } else {
+            before = hit;
+        }
+        hit = next;
+    }
+    newest = NONE;
+}
+
+// The depth from which on the pixel's hits let nothing be seen.
+fn seen_until(pixel: u32) -> f32 {
+    var hit = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
+    while hit != NONE {
+        if hits[hit].opacity >= 1.0 && !tied_flag(hit, TIED) {
+            return hits[hit].t;
+        }
+        hit = hits[hit].next;
+    }
+    return FARTHEST;
+}
+
+// Takes stray crossings out of the pixel's list and marks the groups that are needed; returns from where on nothing is seen.
+fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
+    var inside = far_inside(leaf, point_at(ray, -(ray.anchor.x + ray.anchor.y)));
+    var nearest = -FARTHEST;
+    var any_stray = false;
+    var group = crossings_found;
+    while group != NONE {
+        var counts = true;
+        if group_enters(group) == inside {
+            let surest = surest_dropped(group, nearest);
+            if surest != NONE {
+                groups[surest].found |= NEEDED;
+            } else if is_stray(group) {
+                take_out(pixel, leaf, groups[group].t);
+                any_stray = true;
+                counts = false;
+            }
+        }
+        if counts {
+            inside = group_enters(group);
+            nearest = groups[group].t;
+        }
+        group = groups[group].next;
+    }
+    if any_stray && view.nearest_only != 0u {
+        return seen_until(pixel);
+    }
+    return hidden_from;
+}
+
+// Puts the crossings with a run's leaf in turn; returns the depth from which on nothing is seen.
+fn put_in_turn(ray: Ray, run: Run, pixel: u32, hidden_from: f32) -> f32 {
+    var seen = hidden_from;
+    crossings_found = NONE;
+    groups_dropped = NONE;
+    sort_out(entering);
+    sort_out(leaving);
+    entering = NONE;
+    leaving = NONE;
+    if !are_turns_taken() || groups_dropped != NONE {
+        seen = mend(ray, run.leaf, pixel, seen);
+        var group = groups_dropped;
+        while group != NONE {
+            if (groups[group].found & NEEDED) != 0u {
+                seen = resolve(ray, run, group, group_enters(group), true, pixel, seen);
+            }
+            group = groups[group].next;
+        }
+    }
+    give_back(crossings_found);
+    give_back(groups_dropped);
+    return seen;
+}
