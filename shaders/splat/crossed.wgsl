@@ -106,12 +106,11 @@ fn is_inside_at_peel(leaf: u32) -> bool {
 // Whether what the scans say may matter to the peel: whether two walks through the list, before and behind it, that take every way
 // which a scan may send them can part. They can at an entry that both reach and whose leaf toggles.
 fn may_differ() -> bool {
-    if tables[LIST_LENGTH] > LEAF_BITS {
-        return true;
-    }
-    var reached = 1u;
+    // A bit for each entry. Jumps lead forward.
+    var reached: array<u32, LIST_WORDS>;
+    reached[0] = 1u;
     for (var entry = 0u; entry < tables[LIST_LENGTH]; entry++) {
-        if ((reached >> entry) & 1u) == 0u {
+        if ((reached[entry / 32u] >> (entry % 32u)) & 1u) == 0u {
             continue;
         }
         let words = tables[AT_LIST] + entry * ENTRY_STRIDE;
@@ -126,7 +125,7 @@ fn may_differ() -> bool {
         for (var way = 0u; way < 2u; way++) {
             let jump = tables[words + 2u + way];
             if takes[way] && is_entry(jump) {
-                reached |= 1u << jump;
+                reached[jump / 32u] |= 1u << (jump % 32u);
             }
         }
     }

@@ -59,6 +59,11 @@ pub(super) fn leaf_words(leaves: usize) -> u32 {
     (leaves as u32).div_ceil(LEAF_BITS).max(1)
 }
 
+/// Words of a set of a Blist's entries.
+pub(super) fn list_words(entries: usize) -> u32 {
+    (entries as u32).div_ceil(u32::BITS).max(1)
+}
+
 /// What a surfel is drawn as: one of the constants, or where its residual begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Kind(pub u32);

@@ -10,7 +10,7 @@ use super::bins::{Bins, LISTS};
 use super::crossed;
 use super::fragment::{self, Fragment, RANGE_WORDS};
 use super::project::SplatView;
-use super::shaders;
+use super::shaders::{self, Asked};
 use crate::gpu::buffers::Commands;
 use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::layers::{GpuLayers, LayerRecord};
@@ -130,8 +130,9 @@ pub(super) struct Scene<'a> {
 
 /// How hits are found.
 pub(super) enum Way<'a> {
-    /// Surface by surface, clipped on the fields of the leaves, and by the crossings of those that `source` finds.
-    Fields { source: Option<&'a dyn GpuCrossingSource> },
+    /// Surface by surface, clipped on the fields of the leaves, and by the crossings of those that `source` finds, with the words that
+    /// a set of the Blist's entries takes.
+    Fields { source: Option<&'a dyn GpuCrossingSource>, list_words: u32 },
     /// Surface by surface, clipped by partners, with the words that the paper tree's stack takes.
     Surfaces { stack_words: u32 },
     /// Fragment by fragment, as in the paper: with the footprints, and the words that the paper tree's stack takes.
@@ -184,9 +185,9 @@ impl Scene<'_> {
     /// Those of crossings.
     fn find_hits(&self, drawing: &mut Drawing, rect: PixelRect, sample: usize) -> Result<(), GpuError> {
         let gpu = drawing.commands.gpu();
-        let (stack_words, source) = match self.way {
-            Way::Fields { source } => (None, source),
-            Way::Surfaces { stack_words } => (Some(stack_words), None),
+        let (asked, source) = match self.way {
+            Way::Fields { source, list_words } => (Asked::Fields { list_words }, source),
+            Way::Surfaces { stack_words } => (Asked::Partners { stack_words }, None),
             Way::Fragments { footprints, stack_words } => {
                 fragment::dispatch(drawing, self, footprints, stack_words);
                 return Ok(());
@@ -216,7 +217,7 @@ impl Scene<'_> {
             (8, drawing.hits),
         ];
         let buffers = [&shared[..], &[(4, drawing.pool)]].concat();
-        let shader = shaders::trace(self.leaf_words, stack_words);
+        let shader = shaders::trace(self.leaf_words, asked);
         let trace = gpu.kernel(&shader, "trace");
         drawing.commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), drawing.blocks);
         if crossed.is_some() {
