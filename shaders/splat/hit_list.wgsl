@@ -5,6 +5,20 @@
 // The pixel's hit that was put into its list last; NONE before the first.
 var<private> newest: u32;
 
+// A hit with which others may coincide is not decided but kept: `seen` says so, and whether the ray enters the leaf and the surface
+// shows; `normal` is the leaf's outward one, and `body` the bits of the surfel's radius.
+fn as_tied(hit: Hit, radius: f32, enters: bool, shows: bool) -> Hit {
+    var tied = hit;
+    tied.body = bitcast<u32>(radius);
+    tied.seen = i32(TIED | select(0u, TIED_ENTERS, enters) | select(0u, TIED_SHOWS, shows));
+    return tied;
+}
+
+// Whether a hit is kept so, where `flag` is TIED, and whether it has the flag, where it is.
+fn tied_flag(hit: u32, flag: u32) -> bool {
+    return hits[hit].seen > 0 && (u32(hits[hit].seen) & flag) != 0u;
+}
+
 // A place for another hit; NONE where the pool has no room, which is counted, so that the next one has.
 fn new_hit() -> u32 {
     let place = atomicAdd(&pixels[HITS_NEEDED], 1u);

@@ -25,9 +25,25 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     own_leaf = run.leaf;
     own_index = views[group.best].index;
     forget_sides();
+    var hit: Hit;
+    hit.t = solution.t;
+    let length_squared = dot(solution.normal, solution.normal);
+    if length_squared > 0.0 {
+        hit.normal = solution.normal / sqrt(length_squared);
+    }
+    hit.colour = solution.colour;
+    hit.opacity = snapped(solution.opacity);
+    hit.leaf = run.leaf;
+    hit.body = run.leaf;
+    hit_normal = hit.normal;
+    hit_radius = views[group.best].radius;
     var crossing = kind;
     if is_edge {
         crossing = edge_crossing(group.best, solution.t - reference_depth(ray, group.best));
+    }
+    if is_tied {
+        insert(pixel, as_tied(hit, hit_radius, front, true));
+        return hidden_from;
     }
     if crossing == NO_CROSSING {
         return hidden_from;
@@ -35,17 +51,7 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     // Step 3: keep what is on the result.
     let sheet = is_sheet(run.leaf);
     let enters_result = sheet || (crossing == RISES) == front;
-    let outward = select(crossing == RISES, front, sheet);
-    var hit: Hit;
-    hit.t = solution.t;
-    let length_squared = dot(solution.normal, solution.normal);
-    if length_squared > 0.0 {
-        hit.normal = solution.normal * (select(-1.0, 1.0, outward) / sqrt(length_squared));
-    }
-    hit.colour = solution.colour;
-    hit.opacity = snapped(solution.opacity);
-    hit.leaf = run.leaf;
-    hit.body = run.leaf;
+    hit.normal *= select(-1.0, 1.0, select(crossing == RISES, front, sheet));
     if crossing == FALLS {
         hit.body = body_of();
     }

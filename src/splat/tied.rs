@@ -36,10 +36,10 @@ use crate::space::Camera;
 pub(crate) const TIED_SHARE: f32 = 1e-3;
 
 /// The sine of the angle between two surfaces that stay within [`TIED_SHARE`] of the radius over a disk, one leaning on either side.
-const MOST_SINE: f32 = 2.0 * TIED_SHARE;
+pub(crate) const MOST_SINE: f32 = 2.0 * TIED_SHARE;
 
 /// Rays are taken to meet a surface no more obliquely than this where depths are compared: below, hits are not exact enough.
-const LEAST_COSINE: f32 = 0.05;
+pub(crate) const LEAST_COSINE: f32 = 0.05;
 
 /// No reach is longer, as a share of the surfel's radius, where the ray's direction is no shorter than one.
 pub(crate) const MOST_REACH_IN_RADII: f32 = 2.0 * TIED_SHARE / LEAST_COSINE;

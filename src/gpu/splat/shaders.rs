@@ -4,13 +4,15 @@ use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
 use super::fragment::{Footprint, Fragment, RESOLVED_TOGETHER};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
-use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
+use super::trace::{
+    FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, TIED, TIED_ENTERS, TIED_SHOWS, UNFINISHED,
+};
 use super::{bins, clip, crossed, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
-use crate::splat::{self, ewa, project, rows, surface};
+use crate::splat::{self, ewa, project, rows, surface, tied};
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
@@ -74,7 +76,12 @@ pub(super) fn trace(leaf_words: u32, asked: Asked) -> Shader {
         Asked::Fields { list_words } => crossed::with_constants(shader)
             .with_constant("LIST_WORDS", list_words)
             .with_text(include_str!("../../../shaders/splat/field.wgsl"))
-            .with_text(include_str!("../../../shaders/splat/crossed.wgsl")),
+            .with_constant("TIED_SHARE", tied::TIED_SHARE)
+            .with_constant("MOST_SINE", tied::MOST_SINE)
+            .with_constant("LEAST_TIED_COSINE", tied::LEAST_COSINE)
+            .with_constant("MOST_TIED_REACH_IN_RADII", tied::MOST_REACH_IN_RADII)
+            .with_text(include_str!("../../../shaders/splat/crossed.wgsl"))
+            .with_text(include_str!("../../../shaders/splat/tied.wgsl")),
     };
     with_hit_list(shader).with_text(include_str!("../../../shaders/splat/surface.wgsl"))
 }
@@ -142,6 +149,9 @@ fn with_hit_list(shader: Shader) -> Shader {
     shader
         .with_struct::<Hit>()
         .with_constant("HITS_NEEDED", HITS_NEEDED)
+        .with_constant("TIED", TIED)
+        .with_constant("TIED_ENTERS", TIED_ENTERS)
+        .with_constant("TIED_SHOWS", TIED_SHOWS)
         .with_text(include_str!("../../../shaders/splat/hit_list.wgsl"))
 }
 

@@ -16,7 +16,7 @@ use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::gpu_struct;
-use crate::layers::sample_offsets;
+use crate::layers::{MAX_SAMPLES, sample_offsets};
 use crate::space::PixelRect;
 use crate::splat::bins::BLOCK;
 
@@ -60,12 +60,20 @@ gpu_struct! {
         leaf: u32,
         /// Whose material lies behind.
         body: u32,
-        /// The bits of the samples that see it; negative where the ray leaves the result.
+        /// The bits of the samples that see it; negative where the ray leaves the result. Until it is decided, [`TIED`].
         seen: i32,
         /// The next of the pixel.
         next: u32,
     }
 }
+
+/// Bits of [`Hit::seen`] beyond those of samples: the hit is not decided, since the surface of another leaf may coincide with its own
+/// (the twin of [`crate::splat::tied`]); the ray enters its leaf; its surface shows there.
+pub(super) const TIED: u32 = 1 << 30;
+pub(super) const TIED_ENTERS: u32 = 1 << 29;
+pub(super) const TIED_SHOWS: u32 = 1 << 28;
+
+const _: () = assert!(MAX_SAMPLES <= TIED_SHOWS.trailing_zeros());
 
 /// Where the words of pixels count groups or fragments, count hits, have the most groups that a sample before took, say whether a
 /// thread's loops were cut short, and have the pixels' first hits.
@@ -220,9 +228,14 @@ impl Scene<'_> {
         let shader = shaders::trace(self.leaf_words, asked);
         let trace = gpu.kernel(&shader, "trace");
         drawing.commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), drawing.blocks);
-        if crossed.is_some() {
-            let trace_crossed = gpu.kernel(&shader, "trace_crossed");
-            drawing.commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), drawing.blocks);
+        let after: &[&str] = match (asked, &crossed) {
+            (Asked::Partners { .. }, _) => &[],
+            (Asked::Fields { .. }, None) => &["trace_tied"],
+            (Asked::Fields { .. }, Some(_)) => &["trace_crossed", "trace_tied"],
+        };
+        for entry in after {
+            let kernel = gpu.kernel(&shader, entry);
+            drawing.commands.dispatch_groups(&kernel, &gpu.bind(&kernel, &shared), drawing.blocks);
         }
         Ok(())
     }
