@@ -1,14 +1,10 @@
 // The twin of src/splat/fragment.rs: the boundaries of the result for the pixels of one block, from flat disks. A workgroup is a
 // block, a thread a pixel.
 
-@group(0) @binding(8) var<storage, read_write> hits: array<Hit>;
 // Each pixel's fragments, a heap whose first is the nearest. A slot that a fragment was taken from may hold a surface: `t` is the
 // depth up to which fragments join it, `reach` the weight of its heaviest one, `weight` that of all, and `id` its hit, whose
 // members are sums by weight until it is finished; there `body` is the view of the heaviest fragment's surfel.
 @group(0) @binding(10) var<storage, read_write> fragments: array<Fragment>;
-
-// The pixel's hit that was put into its list last.
-var<private> newest: u32;
 
 // A hit that is not finished: whether the ray enters the leaf, and how the result changes where the leaf is entered.
 fn way_of(front: bool, crossing: u32) -> i32 {
@@ -215,12 +211,6 @@ fn is_hidden(end: u32, count: u32, t: f32) -> bool {
     return true;
 }
 
-// A place for another surface; NONE where the pool has no room, which is counted, so that the next one has.
-fn new_hit() -> u32 {
-    let place = atomicAdd(&pixels[HITS_NEEDED], 1u);
-    return select(NONE, place, place < view.room.y);
-}
-
 // The slot of the surface that a fragment joins, the latest, hence the farthest; or `end`.
 fn joined(end: u32, count: u32, f: Fragment, leaf: u32, way: i32) -> u32 {
     for (var slot = end - count; slot < end - complete; slot++) {
@@ -261,34 +251,8 @@ fn finish(ray: Ray, pixel: u32, slot: u32) {
         hit.body = body_of();
     }
     hit.seen = select(-1, 1, enters_result) * i32(view.samples);
-
-    var before = NONE;
-    var after = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
-    // Most come behind the one before.
-    if newest != NONE {
-        if hits[newest].t < hit.t {
-            before = newest;
-            after = hits[newest].next;
-        }
-    }
-    while after != NONE {
-        if hits[after].t == hit.t && hits[after].leaf == hit.leaf && hits[after].seen == hit.seen {
-            return;
-        }
-        if hits[after].t > hit.t || (hits[after].t == hit.t && hits[after].leaf > hit.leaf) {
-            break;
-        }
-        before = after;
-        after = hits[after].next;
-    }
-    hit.next = after;
     hits[place] = hit;
-    newest = place;
-    if before != NONE {
-        hits[before].next = place;
-    } else {
-        atomicStore(&pixels[FIRST_PIXEL + pixel], place);
-    }
+    link(pixel, place);
 }
 
 // Groups each pixel's fragments, front to back. A workgroup is a part of a block: all its threads wait for the one with the most

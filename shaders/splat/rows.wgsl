@@ -299,10 +299,20 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32) -> Solution 
     return out;
 }
 
-// The field of a leaf at the ray's point of depth `t`: 1 inside, 0 outside, −1 where no surfel reaches.
-fn side_by_surfels(ray: Ray, run: Run, t: f32) -> i32 {
-    var value = 0.0;
-    var weight = 0.0;
+// A leaf's field at a point of a ray: sums over the surfels that reach it, by their weights.
+struct FieldAt {
+    weight: f32,
+    // Of their quadrics' values.
+    value: f32,
+    // Of their quadrics' normals, view axes.
+    normal: vec3<f32>,
+    // Of their radii.
+    radius: f32,
+}
+
+// The field of a leaf at the ray's point of depth `t`. No surfel reaches it where the weight is `LEAST_WEIGHT` or less.
+fn field_at(ray: Ray, run: Run, t: f32) -> FieldAt {
+    var field: FieldAt;
     for (var list = 0u; list < LISTS; list++) {
         for (var i = run.first[list]; i < run.end[list]; i++) {
             let id = members[i];
@@ -312,13 +322,12 @@ fn side_by_surfels(ray: Ray, run: Run, t: f32) -> i32 {
             let q = terms_at(ray, id, t);
             if q.support < 1.0 {
                 let w = field_weight(q.support);
-                weight += w;
-                value += w * q.value;
+                field.weight += w;
+                field.value += w * q.value;
+                field.normal += w * q.normal;
+                field.radius += w * views[id].radius;
             }
         }
     }
-    if !(weight > LEAST_WEIGHT) {
-        return -1;
-    }
-    return select(0, 1, value < 0.0);
+    return field;
 }

@@ -5,14 +5,24 @@
 var<private> hit_ray: Ray;
 var<private> hit_t: f32;
 var<private> hit_pixel: u32;
+// Its unit normal, view axes, and the radius of its surfel; `FARTHEST` where it has none.
+var<private> hit_normal: vec3<f32>;
+var<private> hit_radius: f32;
 var<private> own_leaf: u32;
 var<private> own_index: u32;
 // The block's lists.
 var<private> list_first: array<u32, LISTS>;
 var<private> list_end: array<u32, LISTS>;
-// What is known of the hit: a bit for each leaf that was asked, and its answer.
+// What is known of the hit: a bit for each leaf that was asked, and its answer, that before the hit where its surface is there too.
 var<private> asked: array<u32, LEAF_WORDS>;
 var<private> answers: array<u32, LEAF_WORDS>;
+// The leaves whose surfaces coincide with that of the hit: behind it the answer is the other one. Whether there are any, and the
+// largest radius that any of their surfels has.
+var<private> turns: array<u32, LEAF_WORDS>;
+var<private> is_tied: bool;
+var<private> tied_radius: f32;
+// Whether the sides of leaves whose surfaces are not there do not matter any more.
+var<private> asks_ties_only: bool;
 
 fn leaf_at(i: u32) -> u32 {
     return views[members[i]].owner >> OWNER_SHIFT;
@@ -62,28 +72,62 @@ fn forget_sides() {
     for (var word = 0u; word < LEAF_WORDS; word++) {
         asked[word] = 0u;
         answers[word] = 0u;
+        turns[word] = 0u;
     }
+    is_tied = false;
+    tied_radius = 0.0;
+}
+
+fn is_known(leaf: u32) -> bool {
+    return ((asked[leaf / LEAF_BITS] >> (leaf % LEAF_BITS)) & 1u) != 0u;
+}
+
+// The side of a known leaf before the hit or behind it.
+fn known_side(leaf: u32, is_behind: bool) -> bool {
+    let word = select(answers[leaf / LEAF_BITS], answers[leaf / LEAF_BITS] ^ turns[leaf / LEAF_BITS], is_behind);
+    return ((word >> (leaf % LEAF_BITS)) & 1u) != 0u;
+}
+
+fn with_bit(word: u32, leaf: u32, is_set: bool) -> u32 {
+    let bit = 1u << (leaf % LEAF_BITS);
+    return select(word & ~bit, word | bit, is_set);
+}
+
+// Notes a leaf's side before the hit and behind it.
+fn note(leaf: u32, was_inside: bool, is_inside: bool) {
+    let word = leaf / LEAF_BITS;
+    asked[word] = with_bit(asked[word], leaf, true);
+    answers[word] = with_bit(answers[word], leaf, was_inside);
+    turns[word] = with_bit(turns[word], leaf, was_inside != is_inside);
+}
+
+// Notes that a leaf's surface coincides with that of the hit, and whether the ray enters the leaf there.
+fn note_tie(leaf: u32, enters: bool) {
+    note(leaf, !enters, enters);
+    is_tied = true;
+    tied_radius = max(tied_radius, bitcast<f32>(tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + LEAF_RADIUS]));
 }
 
 // Whether the hit is inside of another leaf, by the leaf's field.
 fn side_by_field(leaf: u32) -> bool {
-    let word = leaf / LEAF_BITS;
-    let bit = 1u << (leaf % LEAF_BITS);
-    if (asked[word] & bit) != 0u {
-        return (answers[word] & bit) != 0u;
+    if is_known(leaf) {
+        return known_side(leaf, false);
     }
     var inside = false;
     if !is_sheet(leaf) {
-        let by_surfels = side_by_surfels(hit_ray, run_of(leaf), hit_t);
-        inside = by_surfels > 0;
-        if by_surfels < 0 {
-            inside = far_inside(leaf, point_at(hit_ray, hit_t));
+        let field = field_at(hit_ray, run_of(leaf), hit_t);
+        if !(field.weight > LEAST_WEIGHT) {
+            if !asks_ties_only {
+                inside = far_inside(leaf, point_at(hit_ray, hit_t));
+            }
+        } else if coincides(field) {
+            note_tie(leaf, dot(field.normal, hit_ray.dir) < 0.0);
+            return known_side(leaf, false);
+        } else {
+            inside = field.value < 0.0;
         }
     }
-    asked[word] |= bit;
-    if inside {
-        answers[word] |= bit;
-    }
+    note(leaf, inside, inside);
     return inside;
 }
 

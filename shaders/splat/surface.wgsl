@@ -1,47 +1,6 @@
 // The twin of src/splat/surface.rs: the boundaries of the result on the rays of one block of pixels. A workgroup is a block, a
 // thread a pixel.
 
-@group(0) @binding(8) var<storage, read_write> hits: array<Hit>;
-
-// The pixel's hit that was found last.
-var<private> newest: u32;
-
-// Puts a hit into the pixel's list, front to back; one that two groups found twice counts once. Crossings, which have no `own_leaf`,
-// cannot be found twice: equal ones are two that rounding made so.
-fn insert(pixel: u32, hit: Hit) {
-    var before = NONE;
-    var after = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
-    // Most hits come behind the one before.
-    if newest != NONE {
-        if hits[newest].t < hit.t {
-            before = newest;
-            after = hits[newest].next;
-        }
-    }
-    while after != NONE {
-        if own_leaf != NONE && hits[after].t == hit.t && hits[after].leaf == hit.leaf && hits[after].seen == hit.seen {
-            return;
-        }
-        if hits[after].t > hit.t || (hits[after].t == hit.t && hits[after].leaf > hit.leaf) {
-            break;
-        }
-        before = after;
-        after = hits[after].next;
-    }
-    let place = atomicAdd(&pixels[HITS_NEEDED], 1u);
-    if place >= view.room.y {
-        return;
-    }
-    newest = place;
-    hits[place] = hit;
-    hits[place].next = after;
-    if before != NONE {
-        hits[before].next = place;
-    } else {
-        atomicStore(&pixels[FIRST_PIXEL + pixel], place);
-    }
-}
-
 // Opaque where only rounding keeps a weighted mean from being so.
 fn snapped(opacity: f32) -> f32 {
     return select(max(opacity, 0.0), 1.0, opacity > 1.0 - OPACITY_ROUNDING);
@@ -66,9 +25,25 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     own_leaf = run.leaf;
     own_index = views[group.best].index;
     forget_sides();
+    var hit: Hit;
+    hit.t = solution.t;
+    let length_squared = dot(solution.normal, solution.normal);
+    if length_squared > 0.0 {
+        hit.normal = solution.normal / sqrt(length_squared);
+    }
+    hit.colour = solution.colour;
+    hit.opacity = snapped(solution.opacity);
+    hit.leaf = run.leaf;
+    hit.body = run.leaf;
+    hit_normal = hit.normal;
+    hit_radius = views[group.best].radius;
     var crossing = kind;
     if is_edge {
         crossing = edge_crossing(group.best, solution.t - reference_depth(ray, group.best));
+    }
+    if is_tied {
+        insert(pixel, as_tied(hit, hit_radius, front, true));
+        return hidden_from;
     }
     if crossing == NO_CROSSING {
         return hidden_from;
@@ -76,17 +51,7 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     // Step 3: keep what is on the result.
     let sheet = is_sheet(run.leaf);
     let enters_result = sheet || (crossing == RISES) == front;
-    let outward = select(crossing == RISES, front, sheet);
-    var hit: Hit;
-    hit.t = solution.t;
-    let length_squared = dot(solution.normal, solution.normal);
-    if length_squared > 0.0 {
-        hit.normal = solution.normal * (select(-1.0, 1.0, outward) / sqrt(length_squared));
-    }
-    hit.colour = solution.colour;
-    hit.opacity = snapped(solution.opacity);
-    hit.leaf = run.leaf;
-    hit.body = run.leaf;
+    hit.normal *= select(-1.0, 1.0, select(crossing == RISES, front, sheet));
     if crossing == FALLS {
         hit.body = body_of();
     }

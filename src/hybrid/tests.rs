@@ -135,6 +135,23 @@ fn a_scan_and_the_solid_that_it_is_of_are_one() {
 }
 
 #[test]
+fn what_coincides_with_a_boundary_and_does_not_matter_shows_nothing() {
+    let ball = || scanned("scan", sphere([0.0; 3], 1.0), 6_000);
+    let solid = || Leaf::new("solid", LeafSource::Solid(sphere([0.0; 3], 1.0)));
+    let other = || scanned("other", sphere([0.5, -0.7, 0.6], 0.8), 4_000);
+    let small = |csg: &str| Scene { size: (96, 96), ..scene(csg, vec![ball(), solid(), other()]) };
+    let alone = drawn(&small("scan"), ExactLeaves::Crossed);
+    // Within the other the boundary is that of the one that is not with it, and the whole is the ball.
+    for (csg, leaf) in [("(solid | other) & scan", 0), ("(scan | other) & solid", 1)] {
+        let both = drawn(&small(csg), ExactLeaves::Crossed);
+        let what = |b: &crate::layers::Boundary| b.facing;
+        let differing = pixels(&alone).zip(pixels(&both)).filter(|(a, b)| !a.iter().map(what).eq(b.iter().map(what)));
+        assert!(differing.count() <= 12, "{csg}");
+        assert!(pixels(&both).flatten().filter(|b| b.leaf == leaf).count() > 1000, "{csg}");
+    }
+}
+
+#[test]
 fn a_pocket_that_is_flush_with_a_scanned_face_has_no_lid() {
     let block = Solid::Box { min: DVec3::new(-1.0, -1.0, -0.8), max: DVec3::new(1.0, 1.0, 0.4) };
     let pocket = Solid::Box { min: DVec3::new(-0.5, -0.6, 0.0), max: DVec3::new(0.5, 0.6, 0.4) };

@@ -27,7 +27,7 @@ pub mod settle;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_scenes;
-mod tied;
+pub(crate) mod tied;
 #[cfg(test)]
 mod tied_tests;
 mod turns;

@@ -17,7 +17,8 @@
 //! A hit that is told that the other surface is there is not decided but kept ([`Tied`]) until all of the ray's surfaces are found:
 //! then those that lie together are one [`boundary`]. A hit whose counterpart was not found, since the other leaf sees it a little
 //! farther away, or never asks (no solid asks a sheet), lets the other toggle along and shows itself where that makes a boundary: so
-//! nothing is lost at the rim of where surfaces coincide. Partner lists (`--partners`, `--clip fragment`) know no ties, as in the paper.
+//! nothing is lost at the rim of where surfaces coincide. Only where the boundary is the other's alone, as in `(b | c) & a` within c, does
+//! it show nothing: the other did not have to ask it, and has a hit of its own. Partner lists (`--partners`, `--clip fragment`) know no ties, as in the paper.
 
 use std::cell::RefCell;
 
@@ -35,10 +36,10 @@ use crate::space::Camera;
 pub(crate) const TIED_SHARE: f32 = 1e-3;
 
 /// The sine of the angle between two surfaces that stay within [`TIED_SHARE`] of the radius over a disk, one leaning on either side.
-const MOST_SINE: f32 = 2.0 * TIED_SHARE;
+pub(crate) const MOST_SINE: f32 = 2.0 * TIED_SHARE;
 
 /// Rays are taken to meet a surface no more obliquely than this where depths are compared: below, hits are not exact enough.
-const LEAST_COSINE: f32 = 0.05;
+pub(crate) const LEAST_COSINE: f32 = 0.05;
 
 /// No reach is longer, as a share of the surfel's radius, where the ray's direction is no shorter than one.
 pub(crate) const MOST_REACH_IN_RADII: f32 = 2.0 * TIED_SHARE / LEAST_COSINE;
@@ -143,6 +144,11 @@ impl Sides<'_> {
         sides
     }
 
+    /// The leaves that were asked and have a crossing there too.
+    fn toggled_along(&self) -> Vec<LeafId> {
+        self.asked.borrow().iter().filter(|(_, [before, after])| before != after).map(|(leaf, _)| *leaf).collect()
+    }
+
     /// The expression before the crossings or after them, where `turned` is on its other side.
     fn eval(&self, is_after: bool, turned: Option<LeafId>) -> bool {
         self.model.list.eval(|leaf| self.of(leaf)[usize::from(is_after)] != (turned == Some(leaf)))
@@ -166,12 +172,13 @@ pub(crate) fn boundary(model: &Model, camera: &Camera, px: DVec2, anchor: f64, m
     let goes_with = |leaf: LeafId| sides.of(leaf)[1] == is;
     let owner = if was != is {
         let changes = |member: &&Tied| sides.of(member.leaf)[0] != sides.of(member.leaf)[1];
-        let rank = |member: &&Tied| {
-            let turned = Some(member.leaf);
-            let matters = sides.eval(false, turned) == is || sides.eval(true, turned) != is;
-            (!matters, !goes_with(member.leaf), member.leaf)
-        };
-        members.iter().filter(changes).min_by_key(rank)?
+        let matters = |leaf: LeafId| sides.eval(false, Some(leaf)) == is || sides.eval(true, Some(leaf)) != is;
+        let rank = |member: &&Tied| (!matters(member.leaf), !goes_with(member.leaf), member.leaf);
+        let owner = members.iter().filter(changes).min_by_key(rank)?;
+        if !matters(owner.leaf) && sides.toggled_along().into_iter().any(matters) {
+            return None;
+        }
+        owner
     } else {
         // A sheet shows where the result would have it if it were a solid, and does not otherwise.
         let shows = |member: &&Tied| {

@@ -50,23 +50,23 @@ pub const TESTS: &[Test] = &[
 
 /// What a leaf is drawn as.
 #[derive(Clone)]
-enum Form {
+pub(crate) enum Form {
     Scan,
     Exact,
     Mesh,
 }
-use Form::{Exact as Own, Mesh, Scan};
+pub(crate) use Form::{Exact as Own, Mesh, Scan};
 
 /// A leaf of a test.
 #[derive(Clone)]
-struct TestLeaf {
+pub(crate) struct TestLeaf {
     form: Form,
     solid: Solid,
-    kind: LeafKind,
+    pub kind: LeafKind,
     opacity: f32,
 }
 
-fn leaf(form: Form, solid: Solid) -> TestLeaf {
+pub(crate) fn leaf(form: Form, solid: Solid) -> TestLeaf {
     TestLeaf { form, solid, kind: LeafKind::Solid, opacity: 1.0 }
 }
 
@@ -116,7 +116,7 @@ fn shifted(text: &str, leaves: &[TestLeaf], shift: DVec3) -> HybridModel {
     HybridModel::new(Model::new(&tree(text), fields, looks), crossed).with_leaves_at_rest(exact)
 }
 
-fn model(text: &str, leaves: &[TestLeaf]) -> HybridModel {
+pub(crate) fn model(text: &str, leaves: &[TestLeaf]) -> HybridModel {
     shifted(text, leaves, DVec3::ZERO)
 }
 
@@ -124,7 +124,7 @@ fn drawn(gpu: &Gpu, frame: &GpuSplatFrame, rect: PixelRect) -> LayerTile {
     gpu.checked(|| frame.draw(gpu, rect)?.download(gpu)).unwrap()
 }
 
-fn on_gpu(gpu: &Gpu, model: &HybridModel, camera: &Camera, limit: LayerLimit, samples: u32) -> LayerTile {
+pub(crate) fn on_gpu(gpu: &Gpu, model: &HybridModel, camera: &Camera, limit: LayerLimit, samples: u32) -> LayerTile {
     let uploaded = GpuHybridModel::new(gpu, model).unwrap();
     drawn(gpu, &uploaded.frame(model, camera, limit, samples).unwrap(), whole(camera))
 }

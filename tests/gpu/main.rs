@@ -9,6 +9,7 @@ mod hybrid;
 mod merged;
 mod shadow;
 mod splat;
+mod tied;
 
 use std::process::ExitCode;
 
@@ -29,6 +30,7 @@ fn main() -> ExitCode {
         fragment::TESTS,
         hybrid::TESTS,
         merged::TESTS,
+        tied::TESTS,
     ]
     .concat();
     let gpu: Option<&'static Gpu> = match Gpu::open(None) {

@@ -133,7 +133,13 @@ pub(crate) fn compare(camera: &Camera, cpu: &LayerTile, gpu: &LayerTile) -> Comp
     compared
 }
 
-fn draw_both(gpu: &Gpu, model: &Model, camera: &Camera, limit: LayerLimit, samples: u32) -> (LayerTile, LayerTile) {
+pub(crate) fn draw_both(
+    gpu: &Gpu,
+    model: &Model,
+    camera: &Camera,
+    limit: LayerLimit,
+    samples: u32,
+) -> (LayerTile, LayerTile) {
     let settings = SplatSettings::default();
     let on_cpu = Frame::new(model, camera.clone(), limit, samples, settings, None).draw(whole(camera));
     let drawn = gpu.checked(|| {

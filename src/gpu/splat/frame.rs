@@ -199,7 +199,7 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
             far: &self.model.far,
             tables: &self.model.tables,
             leaf_words,
-            way: Way::Fields { source: self.source.as_deref() },
+            way: Way::Fields { source: self.source.as_deref(), list_words: self.model.list_words },
         };
         let room = self.room.as_ref().unwrap_or(&self.model.room);
         let Some(clipping) = self.clipping else { return scene.trace(gpu, &of, rect, self.samples, room) };

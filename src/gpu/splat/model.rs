@@ -101,6 +101,8 @@ pub struct GpuSplatModel {
     pub(super) exact: Option<LeafId>,
     /// [`tables::LEAF_BITS`] to a word.
     pub(super) leaf_words: u32,
+    /// Words of a set of the expression's entries.
+    pub(super) list_words: u32,
     /// What the frames before took.
     pub(super) room: Room,
 }
@@ -131,6 +133,7 @@ impl GpuSplatModel {
             leaves: model.fields.len(),
             exact: model.tree.leaves().into_iter().find(|leaf| model.fields[leaf.0 as usize].exact.is_some()),
             leaf_words: tables::leaf_words(model.fields.len()),
+            list_words: tables::list_words(model.list.entries().len()),
             room: Room::new(FIRST_ROOM),
         })
     }

@@ -4,19 +4,22 @@ use super::far::{ROWS_A_CLUSTER, ROWS_AN_ELEMENT};
 use super::fragment::{Footprint, Fragment, RESOLVED_TOGETHER};
 use super::model::{ModelSupport, ModelSurfel};
 use super::project::{ChunkView, MAY_ENTER, MAY_LEAVE, OWNER_SHIFT, SplatView, SurfelView};
-use super::trace::{FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, UNFINISHED};
+use super::trace::{
+    FIRST_PIXEL, GROUPS_MOST, GROUPS_NEEDED, Group, HITS_NEEDED, Hit, TIED, TIED_ENTERS, TIED_SHOWS, UNFINISHED,
+};
 use super::{bins, clip, crossed, tables};
 use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
-use crate::splat::{self, ewa, project, rows, surface};
+use crate::splat::{self, ewa, project, rows, surface, tied};
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
-    let mut all = vec![self::project(), bins::shader(), trace(1, None), trace(4, None), merge(), hits(), partners()];
-    for (leaf_words, stack_words) in [(1, 1), (4, 2)] {
-        all.push(trace(leaf_words, Some(stack_words)));
+    let mut all = vec![self::project(), bins::shader(), merge(), hits(), partners()];
+    for (leaf_words, list_words, stack_words) in [(1, 1, 1), (4, 9, 2)] {
+        all.push(trace(leaf_words, Asked::Fields { list_words }));
+        all.push(trace(leaf_words, Asked::Partners { stack_words }));
         all.push(fragment(leaf_words, stack_words));
         all.push(clip_buffer(leaf_words, stack_words));
     }
@@ -54,24 +57,38 @@ fn owners(shader: Shader) -> Shader {
         .with_constant("OWNER_SHIFT", OWNER_SHIFT)
 }
 
-/// Traces rays, in a scene whose sets of leaves take `leaf_words` words; where partners are asked, with the words that the paper
-/// tree's stack takes, else with crossings of the leaves that have no surfels.
-pub(super) fn trace(leaf_words: u32, stack_words: Option<u32>) -> Shader {
+/// Who tells sides where surfaces are clipped.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Asked {
+    /// Leaves' fields, and crossings of those that have no surfels, in a scene whose sets of the Blist's entries take so many words.
+    Fields { list_words: u32 },
+    /// Surfels' partners, with the words that the paper tree's stack takes.
+    Partners { stack_words: u32 },
+}
+
+/// Traces rays, in a scene whose sets of leaves take `leaf_words` words.
+pub(super) fn trace(leaf_words: u32, asked: Asked) -> Shader {
     let shader = sides(Shader::new("splat trace"), leaf_words)
         .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
         .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING);
-    let shader = match stack_words {
-        Some(stack_words) => clip::with_partners(shader, stack_words),
-        None => crossed::with_constants(shader)
+    let shader = match asked {
+        Asked::Partners { stack_words } => clip::with_partners(shader, stack_words),
+        Asked::Fields { list_words } => crossed::with_constants(shader)
+            .with_constant("LIST_WORDS", list_words)
             .with_text(include_str!("../../../shaders/splat/field.wgsl"))
-            .with_text(include_str!("../../../shaders/splat/crossed.wgsl")),
+            .with_constant("TIED_SHARE", tied::TIED_SHARE)
+            .with_constant("MOST_SINE", tied::MOST_SINE)
+            .with_constant("LEAST_TIED_COSINE", tied::LEAST_COSINE)
+            .with_constant("MOST_TIED_REACH_IN_RADII", tied::MOST_REACH_IN_RADII)
+            .with_text(include_str!("../../../shaders/splat/crossed.wgsl"))
+            .with_text(include_str!("../../../shaders/splat/tied.wgsl")),
     };
-    shader.with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+    with_hit_list(shader).with_text(include_str!("../../../shaders/splat/surface.wgsl"))
 }
 
 /// Lists and clips fragments, in a scene whose sets of leaves take `leaf_words` words and whose paper tree's stack `stack_words`.
 pub(super) fn fragment(leaf_words: u32, stack_words: u32) -> Shader {
-    footprints(Shader::new("splat fragment"), leaf_words, stack_words)
+    with_hit_list(footprints(Shader::new("splat fragment"), leaf_words, stack_words))
         .with_struct::<Fragment>()
         .with_constant("RESOLVED_TOGETHER", RESOLVED_TOGETHER)
         .with_constant("REACHES_OF_A_SURFACE", splat::fragment::REACHES_OF_A_SURFACE)
@@ -102,13 +119,12 @@ fn footprints(shader: Shader, leaf_words: u32, stack_words: u32) -> Shader {
 
 /// What tells sides, in a scene whose sets of leaves take `leaf_words` words.
 fn sides(shader: Shader, leaf_words: u32) -> Shader {
-    let shader = shader.with_struct::<SplatView>().with_struct::<SurfelView>().with_struct::<Hit>();
+    let shader = shader.with_struct::<SplatView>().with_struct::<SurfelView>();
     tables::with_constants(tables::with_kinds(owners(shader)))
         .with_constant("LEAF_WORDS", leaf_words)
         .with_constant("BLOCK", BLOCK)
         .with_constant("LISTS", bins::LISTS)
         .with_constant("GROUPS_NEEDED", GROUPS_NEEDED)
-        .with_constant("HITS_NEEDED", HITS_NEEDED)
         .with_constant("UNFINISHED", UNFINISHED)
         .with_constant("FIRST_PIXEL", FIRST_PIXEL)
         .with_constant("GRAZING_COSINE_SQUARED", rows::GRAZING_COSINE_SQUARED)
@@ -126,6 +142,17 @@ fn sides(shader: Shader, leaf_words: u32) -> Shader {
         .with_text(include_str!("../../../shaders/splat/far.wgsl"))
         .with_text(include_str!("../../../shaders/splat/residual.wgsl"))
         .with_text(include_str!("../../../shaders/splat/sides.wgsl"))
+}
+
+/// The lists of pixels' hits.
+fn with_hit_list(shader: Shader) -> Shader {
+    shader
+        .with_struct::<Hit>()
+        .with_constant("HITS_NEEDED", HITS_NEEDED)
+        .with_constant("TIED", TIED)
+        .with_constant("TIED_ENTERS", TIED_ENTERS)
+        .with_constant("TIED_SHOWS", TIED_SHOWS)
+        .with_text(include_str!("../../../shaders/splat/hit_list.wgsl"))
 }
 
 /// Joins samples.

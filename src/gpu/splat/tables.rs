@@ -32,8 +32,9 @@ const LIST_LENGTH: usize = 5;
 const LEAF_SHEET: u32 = 1;
 const LEAF_EXACT: u32 = 2;
 
-/// Words of a leaf.
-const LEAF_STRIDE: usize = 7;
+/// Words of a leaf: bits, what tells its far sides, and the largest radius of its surfels.
+const LEAF_STRIDE: usize = 8;
+const LEAF_RADIUS: u32 = 7;
 
 /// Words of a Blist's entry: leaf, whether complemented, where to go on inside and outside.
 const ENTRY_STRIDE: u32 = 4;
@@ -57,6 +58,11 @@ pub(super) const LEAF_BITS: u32 = LEAVES_A_WORD;
 /// Words of a set of leaves.
 pub(super) fn leaf_words(leaves: usize) -> u32 {
     (leaves as u32).div_ceil(LEAF_BITS).max(1)
+}
+
+/// Words of a set of a Blist's entries.
+pub(super) fn list_words(entries: usize) -> u32 {
+    (entries as u32).div_ceil(u32::BITS).max(1)
 }
 
 /// What a surfel is drawn as: one of the constants, or where its residual begins.
@@ -102,7 +108,8 @@ impl Tables {
             let sheet = if field.kind == LeafKind::Sheet { LEAF_SHEET } else { 0 };
             let kind = sheet | if field.exact.is_some() { LEAF_EXACT } else { 0 };
             let threshold = far.threshold.to_bits();
-            let words = [kind, far.way as u32, far.nodes, far.runs, far.elements, far.count, threshold];
+            let radius = field.largest_radius().min(f32::MAX).to_bits();
+            let words = [kind, far.way as u32, far.nodes, far.runs, far.elements, far.count, threshold, radius];
             tables.words.extend::<[u32; LEAF_STRIDE]>(words);
         }
         tables.words[AT_POSITIVE] = tables.end();
@@ -219,6 +226,7 @@ pub(super) fn with_constants(shader: Shader) -> Shader {
         .with_constant("LEAF_SHEET", LEAF_SHEET)
         .with_constant("LEAF_EXACT", LEAF_EXACT)
         .with_constant("LEAF_STRIDE", LEAF_STRIDE as u32)
+        .with_constant("LEAF_RADIUS", LEAF_RADIUS)
         .with_constant("LEAF_BITS", LEAF_BITS)
         .with_constant("ENTRY_STRIDE", ENTRY_STRIDE)
         .with_constant("JUMP_IN", JUMP_IN)

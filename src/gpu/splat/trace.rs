@@ -10,13 +10,13 @@ use super::bins::{Bins, LISTS};
 use super::crossed;
 use super::fragment::{self, Fragment, RANGE_WORDS};
 use super::project::SplatView;
-use super::shaders;
+use super::shaders::{self, Asked};
 use crate::gpu::buffers::Commands;
 use crate::gpu::crossings::GpuCrossingSource;
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::gpu_struct;
-use crate::layers::sample_offsets;
+use crate::layers::{MAX_SAMPLES, sample_offsets};
 use crate::space::PixelRect;
 use crate::splat::bins::BLOCK;
 
@@ -60,12 +60,20 @@ gpu_struct! {
         leaf: u32,
         /// Whose material lies behind.
         body: u32,
-        /// The bits of the samples that see it; negative where the ray leaves the result.
+        /// The bits of the samples that see it; negative where the ray leaves the result. Until it is decided, [`TIED`].
         seen: i32,
         /// The next of the pixel.
         next: u32,
     }
 }
+
+/// Bits of [`Hit::seen`] beyond those of samples: the hit is not decided, since the surface of another leaf may coincide with its own
+/// (the twin of [`crate::splat::tied`]); the ray enters its leaf; its surface shows there.
+pub(super) const TIED: u32 = 1 << 30;
+pub(super) const TIED_ENTERS: u32 = 1 << 29;
+pub(super) const TIED_SHOWS: u32 = 1 << 28;
+
+const _: () = assert!(MAX_SAMPLES <= TIED_SHOWS.trailing_zeros());
 
 /// Where the words of pixels count groups or fragments, count hits, have the most groups that a sample before took, say whether a
 /// thread's loops were cut short, and have the pixels' first hits.
@@ -130,8 +138,9 @@ pub(super) struct Scene<'a> {
 
 /// How hits are found.
 pub(super) enum Way<'a> {
-    /// Surface by surface, clipped on the fields of the leaves, and by the crossings of those that `source` finds.
-    Fields { source: Option<&'a dyn GpuCrossingSource> },
+    /// Surface by surface, clipped on the fields of the leaves, and by the crossings of those that `source` finds, with the words that
+    /// a set of the Blist's entries takes.
+    Fields { source: Option<&'a dyn GpuCrossingSource>, list_words: u32 },
     /// Surface by surface, clipped by partners, with the words that the paper tree's stack takes.
     Surfaces { stack_words: u32 },
     /// Fragment by fragment, as in the paper: with the footprints, and the words that the paper tree's stack takes.
@@ -184,9 +193,9 @@ impl Scene<'_> {
     /// Those of crossings.
     fn find_hits(&self, drawing: &mut Drawing, rect: PixelRect, sample: usize) -> Result<(), GpuError> {
         let gpu = drawing.commands.gpu();
-        let (stack_words, source) = match self.way {
-            Way::Fields { source } => (None, source),
-            Way::Surfaces { stack_words } => (Some(stack_words), None),
+        let (asked, source) = match self.way {
+            Way::Fields { source, list_words } => (Asked::Fields { list_words }, source),
+            Way::Surfaces { stack_words } => (Asked::Partners { stack_words }, None),
             Way::Fragments { footprints, stack_words } => {
                 fragment::dispatch(drawing, self, footprints, stack_words);
                 return Ok(());
@@ -216,12 +225,17 @@ impl Scene<'_> {
             (8, drawing.hits),
         ];
         let buffers = [&shared[..], &[(4, drawing.pool)]].concat();
-        let shader = shaders::trace(self.leaf_words, stack_words);
+        let shader = shaders::trace(self.leaf_words, asked);
         let trace = gpu.kernel(&shader, "trace");
         drawing.commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), drawing.blocks);
-        if crossed.is_some() {
-            let trace_crossed = gpu.kernel(&shader, "trace_crossed");
-            drawing.commands.dispatch_groups(&trace_crossed, &gpu.bind(&trace_crossed, &shared), drawing.blocks);
+        let after: &[&str] = match (asked, &crossed) {
+            (Asked::Partners { .. }, _) => &[],
+            (Asked::Fields { .. }, None) => &["trace_tied"],
+            (Asked::Fields { .. }, Some(_)) => &["trace_crossed", "trace_tied"],
+        };
+        for entry in after {
+            let kernel = gpu.kernel(&shader, entry);
+            drawing.commands.dispatch_groups(&kernel, &gpu.bind(&kernel, &shared), drawing.blocks);
         }
         Ok(())
     }
