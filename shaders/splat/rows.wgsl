@@ -150,7 +150,7 @@ fn join(ray: Ray, id: u32, front: bool, t: f32, w: f32) {
     if group == NONE {
         return;
     }
-    groups[group] = Group(t - reach, t + reach, w, w * t, w, t, id, NONE);
+    groups[group] = Group(t - reach, t + reach, w, w * t, w, t, id, NONE, 0u, 0.0, 0.0);
     if last != NONE {
         groups[last].next = group;
     } else if front {
@@ -197,6 +197,8 @@ fn detect(ray: Ray, first: u32, end: u32, hidden_from: f32) {
 // Where and how the ray meets one surface.
 struct Solution {
     hit: bool,
+    // It seems to pass the surface although it meets it by what the nearest surfel says.
+    dropped: bool,
     t: f32,
     // The leaf's outward normal in view axes, of any length.
     normal: vec3<f32>,
@@ -208,7 +210,8 @@ fn faces(slope: f32, front: bool) -> bool {
     return select(slope > 0.0, slope < 0.0, front);
 }
 
-fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32) -> Solution {
+// With `crosses` the ray is known to meet the surface, and is not dropped.
+fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: bool) -> Solution {
     let start = group.weighted_depth / group.weight;
     // Step 1: the quadratic about the mean candidate.
     var a0 = 0.0;
@@ -252,7 +255,9 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32) -> Solution 
     let grazing = dot(normal, normal) * dot(ray.dir, ray.dir) * GRAZING_COSINE_SQUARED;
     let steep = along * along > grazing || weight <= LEAST_WEIGHT;
     var out: Solution;
-    out.hit = solved || (steep && group.best_weight > SURE_WEIGHT);
+    let sure = group.best_weight > SURE_WEIGHT;
+    out.hit = solved || (sure && (steep || crosses));
+    out.dropped = sure && !out.hit;
     if !out.hit {
         return out;
     }

@@ -6,15 +6,20 @@ fn snapped(opacity: f32) -> f32 {
     return select(max(opacity, 0.0), 1.0, opacity > 1.0 - OPACITY_ROUNDING);
 }
 
-// Solves one surface, clips it and keeps what is on the result; returns the depth from which on nothing is seen.
-fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_from: f32) -> f32 {
+// Solves one surface, clips it and keeps what is on the result; returns the depth from which on nothing is seen. `crosses` says that
+// the ray is known to meet it.
+fn resolve(ray: Ray, run: Run, number: u32, front: bool, crosses: bool, pixel: u32, hidden_from: f32) -> f32 {
+    let group = groups[number];
     if !(group.weighted_depth / group.weight < hidden_from) {
         return hidden_from;
     }
     let kind = views[group.best].kind;
     let is_edge = kind != KIND_RISES && kind != KIND_FALLS;
     // Step 1: where the ray meets the surface, in front of the eye.
-    let solution = solve(ray, run, group, front, select(0u, EDGE_STEPS, is_edge));
+    let solution = solve(ray, run, group, front, select(0u, EDGE_STEPS, is_edge), crosses);
+    if solution.dropped && takes_turns(run.leaf) {
+        note_found(number, DROPPED, front, group.best_depth, 0.0);
+    }
     if !solution.hit || !(solution.t > -(ray.anchor.x + ray.anchor.y)) {
         return hidden_from;
     }
@@ -35,6 +40,9 @@ fn resolve(ray: Ray, run: Run, group: Group, front: bool, pixel: u32, hidden_fro
     hit.opacity = snapped(solution.opacity);
     hit.leaf = run.leaf;
     hit.body = run.leaf;
+    if takes_turns(run.leaf) {
+        note_found(number, FOUND, front, hit.t, abs(dot(hit.normal, ray.dir)));
+    }
     hit_normal = hit.normal;
     hit_radius = views[group.best].radius;
     var crossing = kind;
@@ -100,14 +108,11 @@ fn trace(thread: Thread) {
             detect(ray, run.first[list], run.end[list], hidden_from);
             var group = select(leaving, entering, front);
             while group != NONE {
-                hidden_from = resolve(ray, run, groups[group], front, pixel, hidden_from);
+                hidden_from = resolve(ray, run, group, front, false, pixel, hidden_from);
                 group = groups[group].next;
             }
         }
-        give_back(entering);
-        give_back(leaving);
-        entering = NONE;
-        leaving = NONE;
+        hidden_from = put_in_turn(ray, run, pixel, hidden_from);
     }
     check_loops();
 }

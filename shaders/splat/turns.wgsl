@@ -11,6 +11,11 @@ const NEEDED: u32 = 8u;
 var<private> crossings_found: u32;
 var<private> groups_dropped: u32;
 
+// Whether it is known on which side of a leaf a point far off is, without which its crossings tell nothing.
+fn takes_turns(leaf: u32) -> bool {
+    return tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + 1u] == FAR_WINDING;
+}
+
 // Notes what came of a group: at depth `t` a step of one in depth takes `steepness` along the normal.
 fn note_found(group: u32, what: u32, front: bool, t: f32, steepness: f32) {
     groups[group].found = what | select(0u, ENTERS, front);

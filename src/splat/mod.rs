@@ -30,7 +30,9 @@ pub(crate) mod test_scenes;
 pub(crate) mod tied;
 #[cfg(test)]
 mod tied_tests;
-mod turns;
+pub(crate) mod turns;
+#[cfg(test)]
+mod turns_tests;
 
 pub use frame::Frame;
 pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

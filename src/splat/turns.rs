@@ -18,7 +18,7 @@
 
 /// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
 /// its own.
-const MOST_STRAY_IN_RADII: f32 = 1.0;
+pub(crate) const MOST_STRAY_IN_RADII: f32 = 1.0;
 
 /// A crossing of one ray with a leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,7 +12,7 @@ use crate::geometry::winding;
 use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
-use crate::splat::{self, ewa, project, rows, surface, tied};
+use crate::splat::{self, ewa, project, rows, surface, tied, turns};
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
@@ -83,7 +83,10 @@ pub(super) fn trace(leaf_words: u32, asked: Asked) -> Shader {
             .with_text(include_str!("../../../shaders/splat/crossed.wgsl"))
             .with_text(include_str!("../../../shaders/splat/tied.wgsl")),
     };
-    with_hit_list(shader).with_text(include_str!("../../../shaders/splat/surface.wgsl"))
+    with_hit_list(shader)
+        .with_constant("MOST_STRAY_IN_RADII", turns::MOST_STRAY_IN_RADII)
+        .with_text(include_str!("../../../shaders/splat/turns.wgsl"))
+        .with_text(include_str!("../../../shaders/splat/surface.wgsl"))
 }
 
 /// Lists and clips fragments, in a scene whose sets of leaves take `leaf_words` words and whose paper tree's stack `stack_words`.

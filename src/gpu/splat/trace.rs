@@ -42,6 +42,12 @@ gpu_struct! {
         best: u32,
         /// The next group of the list.
         next: u32,
+        /// What came of it, in bits: see `shaders/splat/turns.wgsl`.
+        found: u32,
+        /// The depth of its crossing.
+        t: f32,
+        /// How far a step of one in depth takes along the surface's normal there.
+        steepness: f32,
     }
 }
 
