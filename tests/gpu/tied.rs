@@ -18,6 +18,7 @@ use crate::splat::{ALLOWED, Compared, camera, compare, draw_both, looks, sphere,
 pub const TESTS: &[Test] = &[
     ("tied_a_ball_and_another_scan_of_it", a_ball_and_another_scan_of_it),
     ("tied_a_third_leaf_cuts_both_alike", a_third_leaf_cuts_both_alike),
+    ("tied_a_leaf_that_is_near_to_neither", a_leaf_that_is_near_to_neither),
     ("tied_several_samples_a_pixel", several_samples_a_pixel),
     ("tied_a_sheet_on_a_solids_surface", a_sheet_on_a_solids_surface),
     ("tied_sides_that_face_each_other", sides_that_face_each_other),
@@ -41,10 +42,15 @@ fn turned(solid: &Solid, about: DVec3, spacing: f64) -> LeafField {
 
 /// Two samplings a, b of one ball, of which the second is of `kind` and has `radius`, and another ball c.
 fn balls(text: &str, kind: LeafKind, radius: f64) -> Model {
+    balls_and(text, (kind, radius), (&sphere([0.5, -0.7, 0.6], 0.6), 0.06))
+}
+
+/// The same with c, sampled so many apart.
+fn balls_and(text: &str, (kind, radius): (LeafKind, f64), (other, spacing): (&Solid, f64)) -> Model {
     let mut again = turned(&sphere([0.0; 3], radius), DVec3::new(0.3, -0.5, 0.8), 0.07);
     again.kind = kind;
-    let one = |solid: &Solid| crate::splat::scan(solid, 0.06, DVec3::ZERO);
-    let fields = vec![one(&sphere([0.0; 3], 1.0)), again, one(&sphere([0.5, -0.7, 0.6], 0.6))];
+    let scan = |solid: &Solid, spacing| crate::splat::scan(solid, spacing, DVec3::ZERO);
+    let fields = vec![scan(&sphere([0.0; 3], 1.0), 0.06), again, scan(other, spacing)];
     Model::new(&tree(text), fields, looks(3))
 }
 
@@ -100,6 +106,13 @@ fn a_third_leaf_cuts_both_alike(gpu: &'static Gpu) {
     for text in ["(a | b) - c", "(a & b) | c", "c - (a | b)"] {
         hold_surfels(gpu, text, &balls(text, LeafKind::Solid, 1.0), &aside(), 1);
     }
+}
+
+fn a_leaf_that_is_near_to_neither(gpu: &'static Gpu) {
+    // It holds both, no surfel of theirs comes near to it, and yet it has to be asked where they coincide.
+    let text = "c & (a | b)";
+    let model = balls_and(text, (LeafKind::Solid, 1.0), (&sphere([0.0; 3], 1.6), 0.15));
+    assert!(hold_surfels(gpu, text, &model, &aside(), 1) > 2000);
 }
 
 fn several_samples_a_pixel(gpu: &'static Gpu) {

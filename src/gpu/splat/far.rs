@@ -1,9 +1,9 @@
 //! What tells the side of a point that no surfel reaches: winding numbers, or the nearest surfel's plane.
 //!
 //! *Practice.* The trees are those of the CPU ([`crate::geometry::winding`], [`crate::surfel::ball_tree`]), in `f32` about one
-//! origin of the scene: a point that no surfel reaches is at least about a surfel's radius away from the surface. Only leaves
-//! that a surfel of another leaf comes near to are ever asked, and, where there are leaves that crossings tell of, all, since those cross
-//! anywhere.
+//! origin of the scene: a point that no surfel reaches is at least about a surfel's radius away from the surface. Where no surfel of
+//! one leaf comes near to another leaf nobody is ever asked. Elsewhere all may be: where surfaces of two leaves coincide the whole
+//! expression is, and leaves that crossings tell of cross anywhere.
 
 use glam::{DVec3, Vec3};
 
@@ -66,9 +66,10 @@ impl Far {
         let mut far = Self::default();
         let leaves = || (0..model.fields.len() as u32).map(LeafId);
         let has_crossed = model.fields.iter().any(|field| field.exact.is_some());
+        let may_ask = |leaf, other| !matches!(model.pair(leaf, other), None | Some(PairStatus::Whole(_)));
+        let any_asked = has_crossed || leaves().any(|leaf| leaves().any(|other| may_ask(leaf, other)));
         for leaf in leaves() {
-            let may_ask = |other: LeafId| !matches!(model.pair(other, leaf), None | Some(PairStatus::Whole(_)));
-            let of_leaf = match has_crossed || leaves().any(may_ask) {
+            let of_leaf = match any_asked {
                 true => far.push(&model.fields[leaf.0 as usize], origin),
                 false => FarLeaf::default(),
             };

@@ -1,7 +1,7 @@
 //! The surfel pipeline on the GPU: the twin of [`crate::splat`].
 //!
 //! ```text
-//! model (once a scene) ─► project ─► bins ─► trace: rows, surface, sides, residuals ────────────┐
+//! model (once a scene) ─► project ─► bins ─► trace: rows, surface, sides, residuals, ties ──────┐
 //!    │                        │                                                                 ├─► hits ─► records of the layer stack
 //!    │                        └─► footprints ─► fragments: count, rasterise, clip, resolve ─────┘
 //!    └─► clipping (once a scene): disks, lists of partners ◄─ or, once a frame, the clip buffer
