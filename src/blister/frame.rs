@@ -21,7 +21,7 @@ use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
 use super::planes::NO_PLANE;
 use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
 use super::raster::{self, Grid, Key, Offsets};
-use super::small;
+use super::setup;
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
@@ -589,7 +589,7 @@ impl Pass<'_> {
         let (model, vertices) = (self.frame.model, &self.frame.vertices);
         let first = model.meshlets[entry.meshlet as usize].first;
         let mut rest = entry.triangles;
-        let mut batch = small::Batch::default();
+        let mut batch = setup::Batch::default();
         while rest != 0 {
             let number = first + rest.trailing_zeros();
             rest &= rest - 1;
@@ -602,36 +602,34 @@ impl Pass<'_> {
             if batch.len < LANES && rest != 0 {
                 continue;
             }
-            let found = batch.find(simd, &self.grid);
-            let mut visible = found.visible();
-            while visible != 0 {
-                let lane = visible.trailing_zeros() as usize;
-                visible &= visible - 1;
-                let number = batch.numbers[lane];
-                found.draw(lane, &self.key(number, planes), &self.grid, slot, number, fragments);
-            }
-            let mut large = found.large;
-            while large != 0 {
-                let number = batch.numbers[large.trailing_zeros() as usize];
-                large &= large - 1;
-                let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-                let key = || self.key(number, planes);
-                raster::triangle(simd, offsets, &self.grid, corners, key, slot, number, fragments);
+            let ready = batch.ready(simd, &self.grid);
+            let (mut small, mut medium, mut large) = (ready.visible(), ready.medium, ready.large);
+            if small | medium | large != 0 {
+                let (surfaces, view) = (&model.surfaces[..], &self.frame.view);
+                let keys = batch.keys(simd, small | medium | large, surfaces, view, self.offset);
+                while small != 0 {
+                    let lane = small.trailing_zeros() as usize;
+                    small &= small - 1;
+                    ready.draw(lane, &keys.of(lane, planes), &self.grid, slot, batch.numbers[lane], fragments);
+                }
+                while medium != 0 {
+                    let lane = medium.trailing_zeros() as usize;
+                    medium &= medium - 1;
+                    let (within, edges) = ready.outline(lane);
+                    let (key, number) = (keys.of(lane, planes), batch.numbers[lane]);
+                    raster::blocks(simd, offsets, &self.grid, within, &edges, &key, slot, number, fragments);
+                }
+                while large != 0 {
+                    let lane = large.trailing_zeros() as usize;
+                    large &= large - 1;
+                    let number = batch.numbers[lane];
+                    let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
+                    let key = keys.of(lane, planes);
+                    raster::triangle(simd, offsets, &self.grid, corners, &key, slot, number, fragments);
+                }
             }
             batch.len = 0;
         }
-    }
-
-    /// The key over a triangle's plane, its own or a shared one.
-    #[inline(always)]
-    fn key(&self, number: u32, planes: &[Key]) -> Key {
-        let surface = &self.frame.model.surfaces[number as usize];
-        if surface.plane != NO_PLANE {
-            return planes[surface.plane as usize];
-        }
-        let triangle = self.frame.model.triangles[number as usize];
-        let [a, b, c] = triangle.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
-        held(self.own_key(surface), a.min(b).min(c), a.max(b).max(c))
     }
 
     #[inline(always)]
@@ -653,13 +651,6 @@ impl Pass<'_> {
         let corners = [corner(0), corner(1), corner(2)];
         beyond::triangle(simd, view, &self.grid, corners, over, slot, number, fragments);
     }
-}
-
-/// A triangle's own key, held to its corners' range. One that is seen edge on has no plane that says anything: it has its
-/// nearest corner's key.
-fn held(over: Affine, low: f32, high: f32) -> Key {
-    let is_sound = over.x.is_finite() && over.y.is_finite() && over.c.is_finite();
-    if is_sound { Key { over, low, high } } else { Key { over: Affine::default(), low: high, high } }
 }
 
 impl LayerSource for MeshFrame<'_> {

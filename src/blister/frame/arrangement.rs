@@ -16,9 +16,10 @@ pub(crate) use super::super::project::SUBPIXELS;
 use super::super::project::{Affine, place};
 pub(crate) use super::super::raster::owns_zero;
 use super::super::raster::{Grid, Key};
+use super::super::setup::held;
 use super::super::solids;
 use super::super::write::Writer;
-use super::{MeshFrame, Pass, Scratch, held, pixel_of};
+use super::{MeshFrame, Pass, Scratch, pixel_of};
 use crate::csg::{Kept, LeafId, Shrunk};
 use crate::layers::{LayerLimit, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
@@ -336,6 +337,19 @@ fn drawn(slot: u32, key: &Key, anchor: [f32; 2], normal: Vec3, colour: SurfaceCo
         colour,
         is_drawn: true,
     }
+impl Pass<'_> {
+    /// The key over a triangle's plane, its own or a shared one.
+    fn key(&self, number: u32, planes: &[Key]) -> Key {
+        let surface = &self.frame.model.surfaces[number as usize];
+        if surface.plane != NO_PLANE {
+            return planes[surface.plane as usize];
+        }
+        let triangle = self.frame.model.triangles[number as usize];
+        let [a, b, c] = triangle.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
+        held(self.own_key(surface), a.min(b).min(c), a.max(b).max(c))
+    }
+}
+
 }
 
 /// Calls `take` with pixel, slot, key and what of every fragment of the tile that lies in the picture.
