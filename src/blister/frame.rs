@@ -287,7 +287,7 @@ impl<'a> MeshFrame<'a> {
             for (solid, covers) in solids() {
                 if let Some(slot) = slot_of(solid.leaf) {
                     let (hits, fragments) = (&mut scratch.hits, &mut scratch.fragments);
-                    solids::draw(simd, &self.view, &scratch.planes, &grid, solid, *covers, slot, hits, fragments);
+                    solids::draw(&self.view, &scratch.planes, &grid, solid, *covers, slot, hits, fragments);
                 }
             }
             let writer = Writer {

@@ -12,7 +12,7 @@
 //! bits at a pixel, however they lie.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, i32x8, u32x8};
+use fearless_simd::{Simd, f32x8, i32x8};
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, Fragments};
 use super::project::{Affine, Snapped};
@@ -270,7 +270,7 @@ pub(super) fn blocks<S: Simd>(
             }
             let corner = key.at_block(grid, block_x as u32, block_y as u32);
             let keys = (key_lanes + corner).max(key.low).min(key.high);
-            fragments.add(simd, block, slot, inside, keys, key.high, u32x8::splat(simd, what));
+            fragments.add(simd, block, slot, inside, keys, key.high, what);
         }
     }
 }

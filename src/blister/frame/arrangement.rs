@@ -296,9 +296,7 @@ impl MeshFrame<'_> {
                 for (solid, covers) in self.model.solids.iter().zip(&self.covers) {
                     let Some(slot) = slot_of(solid.leaf) else { continue };
                     let Scratch { planes, hits, fragments, .. } = &mut *scratch;
-                    fearless_simd::dispatch!(self.level, simd => {
-                        solids::draw(simd, &self.view, planes, &grid, solid, *covers, slot, hits, fragments)
-                    });
+                    solids::draw(&self.view, planes, &grid, solid, *covers, slot, hits, fragments);
                 }
                 let hits = std::mem::take(&mut scratch.hits);
                 each_fragment(scratch, tile, |x, y, slot, key, what| {
@@ -337,6 +335,8 @@ fn drawn(slot: u32, key: &Key, anchor: [f32; 2], normal: Vec3, colour: SurfaceCo
         colour,
         is_drawn: true,
     }
+}
+
 impl Pass<'_> {
     /// The key over a triangle's plane, its own or a shared one.
     fn key(&self, number: u32, planes: &[Key]) -> Key {
@@ -350,8 +350,6 @@ impl Pass<'_> {
     }
 }
 
-}
-
 /// Calls `take` with pixel, slot, key and what of every fragment of the tile that lies in the picture.
 fn each_fragment(scratch: &mut Scratch, tile: PixelRect, mut take: impl FnMut(u32, u32, u32, f32, u32)) {
     for block in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
@@ -359,13 +357,12 @@ fn each_fragment(scratch: &mut Scratch, tile: PixelRect, mut take: impl FnMut(u3
         fragments.layers_of(block, layers);
         let corner = (tile.x0 + block % BLOCKS_ACROSS * BLOCK_WIDTH, tile.y0 + block / BLOCKS_ACROSS * BLOCK_HEIGHT);
         for &layer in &*layers {
-            let head = &fragments.heads[layer as usize];
-            for lane in (0..LANES).filter(|lane| head.taken >> lane & 1 == 1) {
+            let layer = fragments.layer(layer);
+            for lane in (0..LANES).filter(|lane| layer.taken >> lane & 1 == 1) {
                 let (x, y) = pixel_of(lane);
                 let (x, y) = (corner.0 + x, corner.1 + y);
                 if x < tile.x1 && y < tile.y1 {
-                    let (keys, what) = (&fragments.keys[layer as usize], &fragments.what[layer as usize]);
-                    take(x, y, head.slot, keys[lane], what[lane]);
+                    take(x, y, layer.slot, layer.keys[lane], fragments.what(layer, lane));
                 }
             }
         }
