@@ -15,6 +15,7 @@ use glam::DVec2;
 
 use super::beyond;
 use super::bins::{Bins, Entry};
+use super::few::{FEW, FewLayers};
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
 use super::model::{Look, MeshModel, Surface};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
@@ -263,7 +264,9 @@ impl<'a> MeshFrame<'a> {
             scratch.planes.extend(self.planes.iter().map(|key| pass.at_samples(*key)));
             scratch.fragments.clear();
             scratch.hits.clear();
-            let mut settling = Settling::new(wanted, grid, may_settle, wants_bodies);
+            // Then only what is seen matters, not what lies behind it.
+            let may_be_few = may_settle && !wants_bodies && scratch.shrunk.words() == 1;
+            let mut settling = Settling::new(wanted, grid, may_settle, may_be_few, wants_bodies);
             if may_settle {
                 scratch.states.clear();
                 scratch.states.resize(scratch.found.len() * scratch.shrunk.words(), [0; LANES]);
@@ -329,6 +332,24 @@ impl<'a> MeshFrame<'a> {
                         chooser.out.put_block(&scratch.found[number as usize], done);
                     }
                     scratch.fragments.layers_of(number, &mut scratch.layers);
+                    if settling.may_be_few && scratch.layers.len() <= FEW {
+                        let few = FewLayers {
+                            shrunk: &scratch.shrunk,
+                            fragments: &scratch.fragments,
+                            layers: &scratch.layers,
+                            wanted: wanted_here & !done,
+                            floor: ABSENT,
+                            ceiling: settling.ceiling(),
+                        };
+                        let found = &mut scratch.found[number as usize];
+                        let state = &mut scratch.states[number as usize];
+                        if let Some(new) = few.peel(simd, &mut lanes.nodes, state, found)
+                            && let Target::Opaque(tile) = &mut *target
+                        {
+                            self.put(&scratch.looks, found, (done | new) & wanted_here, corner, wanted, tile);
+                            continue;
+                        }
+                    }
                     if done != u8::MAX && !scratch.layers.is_empty() {
                         scratch.begins_inside.clear();
                         for (slot, solid) in &scratch.endless {
@@ -449,6 +470,8 @@ struct Settling {
     grid: Grid,
     is_on: bool,
     /// Blocks that are not settled.
+    /// Whether [`FewLayers`] may do.
+    may_be_few: bool,
     open: u32,
     /// Layers begun at the last look, and how many more make the next.
     last: usize,
@@ -461,10 +484,10 @@ impl Settling {
     /// Layers for each open block that make the first look.
     const LAYERS_A_LOOK: u32 = 2;
 
-    fn new(wanted: PixelRect, grid: Grid, is_on: bool, wants_bodies: bool) -> Self {
+    fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
         let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
         let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self { wanted, wants_bodies, grid, is_on, open, last: 0, step, floor: f32::INFINITY }
+        Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, floor: f32::INFINITY }
     }
 
     /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
@@ -506,6 +529,23 @@ impl Settling {
             let mut chooser = Chooser {
                 looks: &scratch.looks,
                 hits: &scratch.hits,
+            let found = &mut scratch.found[number as usize];
+            let state = &mut scratch.states[number as usize * words..][..words];
+            let few = self.may_be_few && scratch.layers.len() <= FEW;
+            let few = few.then_some(FewLayers {
+                shrunk: &scratch.shrunk,
+                fragments: &scratch.fragments,
+                layers: &scratch.layers,
+                wanted: wanted & !done,
+                floor,
+                ceiling: self.ceiling(),
+            });
+            if let Some(few) = few
+                && let Some(new) = few.peel(simd, &mut lanes.nodes, &mut state[0], found)
+            {
+                self.end(simd, number, done | new, wanted, floor, &scratch.layers, &mut scratch.fragments);
+                continue;
+            }
                 judge: &mut scratch.judge,
                 out: &mut scratch.survivors,
                 wants_bodies: self.wants_bodies,
@@ -523,16 +563,11 @@ impl Settling {
                 floor,
                 ceiling: self.ceiling(),
             };
-            let found = &mut scratch.found[number as usize];
             chooser.out.put_block(found, done);
-            let state = &mut scratch.states[number as usize * words..][..words];
             block.peel_on(simd, state, lanes, &mut scratch.peel, &mut chooser);
             let done;
             (*found, done) = chooser.out.take_block();
-            let is_settled = done & wanted == wanted;
-            scratch.fragments.finish(number, done, is_settled);
-            self.open -= u32::from(is_settled);
-            scratch.fragments.put_back(simd, number, &scratch.layers, floor);
+            self.end(simd, number, done, wanted, floor, &scratch.layers, &mut scratch.fragments);
         }
         self.floor = floor;
         self.last = scratch.fragments.begun;
@@ -541,6 +576,25 @@ impl Settling {
 }
 
 /// The column and row of a block's pixel.
+
+    /// Ends the look at a block: of the pixels `wanted` those of `done` need nothing more, the others what is left of `layers`.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn end<S: Simd>(
+        &mut self,
+        simd: S,
+        number: u32,
+        done: u8,
+        wanted: u8,
+        floor: f32,
+        layers: &[u32],
+        fragments: &mut Fragments,
+    ) {
+        let is_settled = done & wanted == wanted;
+        fragments.finish(number, done, is_settled);
+        self.open -= u32::from(is_settled);
+        fragments.put_back(simd, number, layers, floor);
+    }
 fn pixel_of(lane: usize) -> (u32, u32) {
     (lane as u32 % BLOCK_WIDTH, lane as u32 / BLOCK_WIDTH)
 }
