@@ -93,7 +93,7 @@ impl<'a> MeshFrame<'a> {
         let view = View::new(camera);
         let vertices = project::vertices(level, &view, model);
         let planes = project::planes(&view, &model.planes);
-        let bins = Bins::new(&view, model, &vertices, &planes, samples > 1);
+        let bins = Bins::new(level, &view, model, &vertices, &planes, samples > 1);
         let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let outside = |look: &Option<Look>| {
             let around = look.as_ref().and_then(|look| look.closed_within);
@@ -243,7 +243,10 @@ impl<'a> MeshFrame<'a> {
                 .filter(|entry| slots.binary_search(&self.model.meshlets[entry.meshlet as usize].leaf).is_ok()),
         );
         if may_settle {
-            scratch.entries.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.meshlet.cmp(&b.meshlet)));
+            scratch.entries.sort_unstable_by(|a, b| {
+                let by_name = || (a.meshlet, a.triangles).cmp(&(b.meshlet, b.triangles));
+                b.nearest.total_cmp(&a.nearest).then_with(by_name)
+            });
         }
         let wants_bodies = matches!(target, Target::Layers(_));
         scratch.judge.reset();
@@ -328,9 +331,6 @@ impl<'a> MeshFrame<'a> {
                         self.put(&scratch.looks, found, wanted_here, corner, wanted, tile);
                         continue;
                     }
-                    if done != 0 {
-                        chooser.out.put_block(&scratch.found[number as usize], done);
-                    }
                     scratch.fragments.layers_of(number, &mut scratch.layers);
                     if settling.may_be_few && scratch.layers.len() <= FEW {
                         let few = FewLayers {
@@ -349,6 +349,9 @@ impl<'a> MeshFrame<'a> {
                             self.put(&scratch.looks, found, (done | new) & wanted_here, corner, wanted, tile);
                             continue;
                         }
+                    }
+                    if done != 0 {
+                        chooser.out.put_block(&scratch.found[number as usize], done);
                     }
                     if done != u8::MAX && !scratch.layers.is_empty() {
                         scratch.begins_inside.clear();
@@ -467,11 +470,11 @@ impl<'a> MeshFrame<'a> {
 struct Settling {
     wanted: PixelRect,
     wants_bodies: bool,
+    /// Whether [`FewLayers`] may do.
+    may_be_few: bool,
     grid: Grid,
     is_on: bool,
     /// Blocks that are not settled.
-    /// Whether [`FewLayers`] may do.
-    may_be_few: bool,
     open: u32,
     /// Layers begun at the last look, and how many more make the next.
     last: usize,
@@ -526,9 +529,6 @@ impl Settling {
             if scratch.layers.is_empty() {
                 continue;
             }
-            let mut chooser = Chooser {
-                looks: &scratch.looks,
-                hits: &scratch.hits,
             let found = &mut scratch.found[number as usize];
             let state = &mut scratch.states[number as usize * words..][..words];
             let few = self.may_be_few && scratch.layers.len() <= FEW;
@@ -546,6 +546,9 @@ impl Settling {
                 self.end(simd, number, done | new, wanted, floor, &scratch.layers, &mut scratch.fragments);
                 continue;
             }
+            let mut chooser = Chooser {
+                looks: &scratch.looks,
+                hits: &scratch.hits,
                 judge: &mut scratch.judge,
                 out: &mut scratch.survivors,
                 wants_bodies: self.wants_bodies,
@@ -573,9 +576,6 @@ impl Settling {
         self.last = scratch.fragments.begun;
         self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
     }
-}
-
-/// The column and row of a block's pixel.
 
     /// Ends the look at a block: of the pixels `wanted` those of `done` need nothing more, the others what is left of `layers`.
     #[inline(always)]
@@ -595,6 +595,9 @@ impl Settling {
         self.open -= u32::from(is_settled);
         fragments.put_back(simd, number, layers, floor);
     }
+}
+
+/// The column and row of a block's pixel.
 fn pixel_of(lane: usize) -> (u32, u32) {
     (lane as u32 % BLOCK_WIDTH, lane as u32 / BLOCK_WIDTH)
 }
