@@ -126,6 +126,11 @@ impl Fragments {
         self.settled[first.1 as usize..=last.1 as usize].iter().all(|row| row & columns == columns)
     }
 
+    /// How many layers the blocks have.
+    pub fn in_use(&self) -> usize {
+        self.layers.len() - self.free.len()
+    }
+
     /// A layer by its number.
     #[inline(always)]
     pub fn layer(&self, number: u32) -> &Layer {

@@ -282,6 +282,7 @@ impl<'a> MeshFrame<'a> {
                 if let Some(slot) = slot_of(self.model.meshlets[entry.meshlet as usize].leaf) {
                     pass.meshlet(simd, &offsets, &entry, slot, &scratch.planes, &mut scratch.fragments);
                 }
+                settling.drawn += entry.triangles.count_ones();
                 let Some(next) = scratch.entries.get(i + 1) else { break };
                 if settling.is_due(next.nearest, &scratch.fragments) {
                     settling.settle(simd, next.nearest, scratch, lanes);
@@ -466,7 +467,8 @@ impl<'a> MeshFrame<'a> {
 ///
 /// *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
 /// passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as ever before: no
-/// more looks than the logarithm of the layers.
+/// more looks than the logarithm of the layers. Small triangles share layers, but each takes its time to be drawn: where many
+/// come, a look is taken as soon as it costs less than they did.
 struct Settling {
     wanted: PixelRect,
     wants_bodies: bool,
@@ -479,6 +481,8 @@ struct Settling {
     /// Layers begun at the last look, and how many more make the next.
     last: usize,
     step: usize,
+    /// Triangles drawn since the last look.
+    drawn: u32,
     /// All fragments with greater keys have been peeled.
     floor: f32,
 }
@@ -487,16 +491,20 @@ impl Settling {
     /// Layers for each open block that make the first look.
     const LAYERS_A_LOOK: u32 = 2;
 
+    /// To draw a small triangle takes about as long as to look at an open block, or to pass by so many layers.
+    const LAYERS_A_TRIANGLE: usize = 8;
+
     fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
         let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
         let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, floor: f32::INFINITY }
+        Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, drawn: 0, floor: f32::INFINITY }
     }
 
     /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
     fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
         // Nothing can be told while what is to come may be as near as what has been peeled.
-        self.is_on && fragments.begun >= self.last + self.step && nearest < self.floor
+        let has_paid = || self.drawn as usize >= self.open as usize + fragments.in_use() / Self::LAYERS_A_TRIANGLE;
+        self.is_on && nearest < self.floor && (fragments.begun >= self.last + self.step || has_paid())
     }
 
     /// No fragment that is still to be peeled has this key or a greater one.
@@ -573,6 +581,7 @@ impl Settling {
             self.end(simd, number, done, wanted, floor, &scratch.layers, &mut scratch.fragments);
         }
         self.floor = floor;
+        self.drawn = 0;
         self.last = scratch.fragments.begun;
         self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
     }
