@@ -6,23 +6,23 @@
 #[cfg(feature = "gpu")]
 pub(crate) mod arrangement;
 mod crossings;
+mod pass;
+mod settling;
 
 use std::sync::Mutex;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, u32x8};
-use glam::DVec2;
 
-use super::beyond;
+use self::pass::Pass;
+use self::settling::Settling;
 use super::bins::{Bins, Entry};
 use super::few::{FEW, FewLayers};
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
-use super::model::{Look, MeshModel, Surface};
+use super::model::{Look, MeshModel};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
-use super::planes::NO_PLANE;
-use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
-use super::raster::{self, Grid, Key, Offsets};
-use super::setup;
+use super::project::{self, SUBPIXELS, Snapped, View};
+use super::raster::{Grid, Key, Offsets};
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
@@ -458,154 +458,6 @@ impl<'a> MeshFrame<'a> {
     }
 }
 
-/// Peels blocks before all of the tile is drawn.
-///
-/// *Theory.* Meshlets are drawn nearest first. Once the nearest fragment of those to come is known, nothing nearer can appear:
-/// all fragments before it can be peeled and forgotten. A pixel that has its boundary then takes no more fragments; a
-/// meshlet behind blocks whose pixels all have theirs is not drawn. This needs every ray to begin outside of every leaf, since
-/// else the parity of a leaf takes all of its fragments.
-///
-/// *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
-/// passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as ever before: no
-/// more looks than the logarithm of the layers. Small triangles share layers, but each takes its time to be drawn: where many
-/// come, a look is taken as soon as it costs less than they did.
-struct Settling {
-    wanted: PixelRect,
-    wants_bodies: bool,
-    /// Whether [`FewLayers`] may do.
-    may_be_few: bool,
-    grid: Grid,
-    is_on: bool,
-    /// Blocks that are not settled.
-    open: u32,
-    /// Layers begun at the last look, and how many more make the next.
-    last: usize,
-    step: usize,
-    /// Triangles drawn since the last look.
-    drawn: u32,
-    /// All fragments with greater keys have been peeled.
-    floor: f32,
-}
-
-impl Settling {
-    /// Layers for each open block that make the first look.
-    const LAYERS_A_LOOK: u32 = 2;
-
-    /// To draw a small triangle takes about as long as to look at an open block, or to pass by so many layers.
-    const LAYERS_A_TRIANGLE: usize = 8;
-
-    fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
-        let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
-        let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, drawn: 0, floor: f32::INFINITY }
-    }
-
-    /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
-    fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
-        // Nothing can be told while what is to come may be as near as what has been peeled.
-        let has_paid = || self.drawn as usize >= self.open as usize + fragments.in_use() / Self::LAYERS_A_TRIANGLE;
-        self.is_on && nearest < self.floor && (fragments.begun >= self.last + self.step || has_paid())
-    }
-
-    /// No fragment that is still to be peeled has this key or a greater one.
-    fn ceiling(&self) -> f32 {
-        self.floor.next_up()
-    }
-
-    /// Whether all that an entry could draw is behind settled blocks.
-    fn hides(&self, entry: &Entry, fragments: &Fragments) -> bool {
-        let within = |px: u16, corner: u32| u32::from(px).saturating_sub(corner).min(TILE_SIDE - 1);
-        let (x0, y0) = (within(entry.px[0], self.grid.x0), within(entry.px[1], self.grid.y0));
-        let (x1, y1) = (within(entry.px[2], self.grid.x0), within(entry.px[3], self.grid.y0));
-        let block = |x: u32, y: u32| (x / BLOCK_WIDTH, y / BLOCK_HEIGHT);
-        fragments.all_settled(block(x0, y0), block(x1, y1))
-    }
-
-    /// Peels every open block down to `floor`, the greatest key that fragments to come can have.
-    #[inline(always)]
-    fn settle<S: Simd>(&mut self, simd: S, floor: f32, scratch: &mut Scratch, lanes: &mut LaneScratch<S>) {
-        let words = scratch.shrunk.words();
-        for number in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
-            let (block_x, block_y) = (number % BLOCKS_ACROSS, number / BLOCKS_ACROSS);
-            let corner = (self.grid.x0 + block_x * BLOCK_WIDTH, self.grid.y0 + block_y * BLOCK_HEIGHT);
-            let wanted = wanted_lanes(corner, self.wanted);
-            let done = scratch.fragments.done(number);
-            if wanted & !done == 0 {
-                continue;
-            }
-            scratch.fragments.take_above(number, floor, &mut scratch.layers);
-            if scratch.layers.is_empty() {
-                continue;
-            }
-            let found = &mut scratch.found[number as usize];
-            let state = &mut scratch.states[number as usize * words..][..words];
-            let few = self.may_be_few && scratch.layers.len() <= FEW;
-            let few = few.then_some(FewLayers {
-                shrunk: &scratch.shrunk,
-                fragments: &scratch.fragments,
-                layers: &scratch.layers,
-                wanted: wanted & !done,
-                floor,
-                ceiling: self.ceiling(),
-            });
-            if let Some(few) = few
-                && let Some(new) = few.peel(simd, &mut lanes.nodes, &mut state[0], found)
-            {
-                self.end(simd, number, done | new, wanted, floor, &scratch.layers, &mut scratch.fragments);
-                continue;
-            }
-            let mut chooser = Chooser {
-                looks: &scratch.looks,
-                hits: &scratch.hits,
-                judge: &mut scratch.judge,
-                out: &mut scratch.survivors,
-                wants_bodies: self.wants_bodies,
-            };
-            let block = Block {
-                shrunk: &scratch.shrunk,
-                fragments: &scratch.fragments,
-                kinds: &scratch.kinds,
-                layers: &scratch.layers,
-                begins_inside: &[],
-                wanted: wanted & !done,
-                has_sheets: false,
-                is_plain: true,
-                is_partial: true,
-                floor,
-                ceiling: self.ceiling(),
-            };
-            chooser.out.put_block(found, done);
-            block.peel_on(simd, state, lanes, &mut scratch.peel, &mut chooser);
-            let done;
-            (*found, done) = chooser.out.take_block();
-            self.end(simd, number, done, wanted, floor, &scratch.layers, &mut scratch.fragments);
-        }
-        self.floor = floor;
-        self.drawn = 0;
-        self.last = scratch.fragments.begun;
-        self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
-    }
-
-    /// Ends the look at a block: of the pixels `wanted` those of `done` need nothing more, the others what is left of `layers`.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    fn end<S: Simd>(
-        &mut self,
-        simd: S,
-        number: u32,
-        done: u8,
-        wanted: u8,
-        floor: f32,
-        layers: &[u32],
-        fragments: &mut Fragments,
-    ) {
-        let is_settled = done & wanted == wanted;
-        fragments.finish(number, done, is_settled);
-        self.open -= u32::from(is_settled);
-        fragments.put_back(simd, number, layers, floor);
-    }
-}
-
 /// The column and row of a block's pixel.
 fn pixel_of(lane: usize) -> (u32, u32) {
     (lane as u32 % BLOCK_WIDTH, lane as u32 / BLOCK_WIDTH)
@@ -626,97 +478,6 @@ fn wanted_lanes(corner: (u32, u32), wanted: PixelRect) -> u8 {
         let is_wanted = (wanted.x0..wanted.x1).contains(&x) && (wanted.y0..wanted.y1).contains(&y);
         lanes | u8::from(is_wanted) << lane
     })
-}
-
-/// One sample of a tile's pixels.
-struct Pass<'a> {
-    frame: &'a MeshFrame<'a>,
-    grid: Grid,
-    /// Of the sample in its pixel, pixels.
-    offset: DVec2,
-}
-
-impl Pass<'_> {
-    /// A key over positions as one over whole pixels' samples.
-    fn at_samples(&self, key: Key) -> Key {
-        Key { over: key.over.counted_from(self.offset), ..key }
-    }
-
-    #[inline(always)]
-    fn meshlet<S: Simd>(
-        &self,
-        simd: S,
-        offsets: &Offsets<S>,
-        entry: &Entry,
-        slot: u32,
-        planes: &[Key],
-        fragments: &mut Fragments,
-    ) {
-        let (model, vertices) = (self.frame.model, &self.frame.vertices);
-        let first = model.meshlets[entry.meshlet as usize].first;
-        let mut rest = entry.triangles;
-        let mut batch = setup::Batch::default();
-        while rest != 0 {
-            let number = first + rest.trailing_zeros();
-            rest &= rest - 1;
-            let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-            if corners[0][3] | corners[1][3] | corners[2][3] == place::FINE {
-                batch.push(number, corners);
-            } else {
-                self.beyond(simd, number, slot, planes, fragments);
-            }
-            if batch.len < LANES && rest != 0 {
-                continue;
-            }
-            let ready = batch.ready(simd, &self.grid);
-            let (mut small, mut medium, mut large) = (ready.visible(), ready.medium, ready.large);
-            if small | medium | large != 0 {
-                let (surfaces, view) = (&model.surfaces[..], &self.frame.view);
-                let keys = batch.keys(simd, small | medium | large, surfaces, view, self.offset);
-                while small != 0 {
-                    let lane = small.trailing_zeros() as usize;
-                    small &= small - 1;
-                    ready.draw(lane, &keys.of(lane, planes), &self.grid, slot, batch.numbers[lane], fragments);
-                }
-                while medium != 0 {
-                    let lane = medium.trailing_zeros() as usize;
-                    medium &= medium - 1;
-                    let (within, edges) = ready.outline(lane);
-                    let (key, number) = (keys.of(lane, planes), batch.numbers[lane]);
-                    raster::blocks(simd, offsets, &self.grid, within, &edges, &key, slot, number, fragments);
-                }
-                while large != 0 {
-                    let lane = large.trailing_zeros() as usize;
-                    large &= large - 1;
-                    let number = batch.numbers[lane];
-                    let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-                    let key = keys.of(lane, planes);
-                    raster::triangle(simd, offsets, &self.grid, corners, &key, slot, number, fragments);
-                }
-            }
-            batch.len = 0;
-        }
-    }
-
-    #[inline(always)]
-    fn own_key(&self, surface: &Surface) -> Affine {
-        self.frame.view.key_over(surface.normal.as_dvec3(), surface.offset).counted_from(self.offset)
-    }
-
-    /// Draws a triangle that is not on the grid.
-    #[inline(never)]
-    fn beyond<S: Simd>(&self, simd: S, number: u32, slot: u32, planes: &[Key], fragments: &mut Fragments) {
-        let (model, view) = (self.frame.model, &self.frame.view);
-        let (triangle, surface) = (model.triangles[number as usize], &model.surfaces[number as usize]);
-        let over = if surface.plane == NO_PLANE { self.own_key(surface) } else { planes[surface.plane as usize].over };
-        let corner = |i: usize| {
-            let vertex = triangle[i];
-            let p_in_view = view.camera.view_from_world(model.position(vertex));
-            beyond::Corner { vertex, snapped: &self.frame.vertices[vertex as usize], p_in_view }
-        };
-        let corners = [corner(0), corner(1), corner(2)];
-        beyond::triangle(simd, view, &self.grid, corners, over, slot, number, fragments);
-    }
 }
 
 impl LayerSource for MeshFrame<'_> {
