@@ -15,7 +15,7 @@
 //! drops the triangle. The rest is plain `f64`, pixel by pixel: few triangles are near the eye.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
+use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3};
 
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
@@ -94,7 +94,7 @@ pub(super) fn triangle<S: Simd>(
                 let mask = mask32x8::from_bitmask(simd, bits);
                 let block = block_y * BLOCKS_ACROSS + block_x;
                 let keys = f32x8::from_slice(simd, &keys);
-                fragments.add(simd, block, slot, mask, keys, f32::INFINITY, u32x8::splat(simd, what));
+                fragments.add(simd, block, slot, mask, keys, f32::INFINITY, what);
             }
         }
     }

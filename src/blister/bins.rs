@@ -1,24 +1,27 @@
 //! Which triangles every tile has to draw.
 //!
 //! *Practice.* A triangle that holds no pixel centre is dropped here, once, whatever tiles it lies in. What is left of a
-//! meshlet in a tile is one entry: the meshlet and a bit for each triangle. Entries are counted and placed by tile, tasks in
-//! order, so the lists do not depend on threads.
+//! meshlet in a tile is one entry: the meshlet and a bit for each triangle. A triangle that is large beside a tile has an entry of
+//! its own, which knows what part of the tile it may cover, and how near it comes there: so what lies behind can be told from
+//! what lies in front. Entries are counted and placed by tile, tasks in order, so the lists do not depend on threads.
 
+use fearless_simd::{Level, Simd};
 use rayon::prelude::*;
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH};
 use super::model::{MESHLET, MeshModel};
-use super::project::{SUBPIXELS, Snapped, View, place};
+use super::project::{Affine, SUBPIXELS, Snapped, View, place};
 use super::raster::Key;
+use super::setup::held;
 use crate::layers::TILE_SIDE;
 
 /// A meshlet in a tile's list.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Entry {
     pub meshlet: u32,
-    /// The greatest key of the meshlet's drawn triangles: none of its fragments is nearer.
+    /// None of the triangles' fragments in the tile has a greater key.
     pub nearest: f32,
-    /// The pixels around all of the meshlet that is drawn: first column and row, last column and row.
+    /// The pixels around the triangles, in the tile and perhaps beyond: first column and row, last column and row.
     pub px: [u16; 4],
     /// Which of its triangles.
     pub triangles: u64,
@@ -49,6 +52,22 @@ impl Span {
         Self { x0: self.x0 >> SHIFT, y0: self.y0 >> SHIFT, x1: self.x1 >> SHIFT, y1: self.y1 >> SHIFT }
     }
 
+    /// Every column and row, row by row.
+    fn all(self) -> impl Iterator<Item = (i32, i32)> {
+        (self.y0..=self.y1).flat_map(move |y| (self.x0..=self.x1).map(move |x| (x, y)))
+    }
+
+    /// Those of the pixels that lie in the tile of this column and row.
+    fn within_tile(&self, x: i32, y: i32) -> Self {
+        let side = TILE_SIDE as i32;
+        Self {
+            x0: self.x0.max(x * side),
+            y0: self.y0.max(y * side),
+            x1: self.x1.min(x * side + side - 1),
+            y1: self.y1.min(y * side + side - 1),
+        }
+    }
+
     fn around(&self, other: &Self) -> Self {
         Self {
             x0: self.x0.min(other.x0),
@@ -61,7 +80,14 @@ impl Span {
 
 impl Bins {
     /// Bins the meshlets of `model`; `planes` are its shared ones over positions in pixels. `samples_apart`: whether pixels are sampled elsewhere than at their centres.
-    pub fn new(view: &View, model: &MeshModel, vertices: &[Snapped], planes: &[Key], samples_apart: bool) -> Self {
+    pub fn new(
+        level: Level,
+        view: &View,
+        model: &MeshModel,
+        vertices: &[Snapped],
+        planes: &[Key],
+        samples_apart: bool,
+    ) -> Self {
         let across = view.camera.width.div_ceil(TILE_SIDE);
         let down = view.camera.height.div_ceil(TILE_SIDE);
         let picture = Picture::new(view, samples_apart);
@@ -70,10 +96,13 @@ impl Bins {
             .into_par_iter()
             .map(|task| {
                 let mut out = Vec::new();
-                let mut masks = Vec::new();
-                for meshlet in task * A_TASK..((task + 1) * A_TASK).min(model.meshlets.len()) {
-                    bin(&picture, model, vertices, planes, meshlet, &mut masks, &mut out);
-                }
+                let mut scratch = BinScratch::default();
+                let meshlets = task * A_TASK..((task + 1) * A_TASK).min(model.meshlets.len());
+                fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+                    for meshlet in meshlets {
+                        bin(view, &picture, model, vertices, planes, meshlet, &mut scratch, &mut out);
+                    }
+                }));
                 out
             })
             .collect();
@@ -152,28 +181,109 @@ fn over_plane(model: &MeshModel, planes: &[Key], triangle: u32, corners: [Snappe
     }
     let at = |v: Snapped| key.over.at(f64::from(v[0]) / f64::from(SUBPIXELS), f64::from(v[1]) / f64::from(SUBPIXELS));
     let [a, b, c] = corners.map(at);
-    // Fragments' keys are summed in `f32`: from a block's corner, its width and its height aside.
-    const ROUNDINGS: f64 = 4.0 * f32::EPSILON as f64;
-    let most = a.max(b).max(c);
-    let aside = f64::from(BLOCK_WIDTH) * key.over.x.abs() + f64::from(BLOCK_HEIGHT) * key.over.y.abs();
-    ((most + ROUNDINGS * (most.abs() + aside)) as f32).next_up().min(key.high)
+    rounded_up(a.max(b).max(c), &key.over).min(key.high)
 }
 
+/// Bits that are lost where keys are summed in `f32`: from a block's corner, its width and its height aside.
+fn rounded_up(most: f64, over: &Affine) -> f32 {
+    const ROUNDINGS: f64 = 4.0 * f32::EPSILON as f64;
+    let aside = f64::from(BLOCK_WIDTH) * over.x.abs() + f64::from(BLOCK_HEIGHT) * over.y.abs();
+    ((most + ROUNDINGS * (most.abs() + aside)) as f32).next_up()
+}
+
+/// A triangle with a box of this many pixels along a side has entries of its own.
+const LARGE_PX: i32 = TILE_SIDE as i32 / 2;
+
+/// What is known of a triangle that is drawn.
+#[derive(Debug, Clone, Copy, Default)]
+struct Drawn {
+    /// The pixels that its box holds.
+    pixels: Span,
+    /// No fragment has a greater key.
+    nearest: f32,
+}
+
+/// A triangle that is large beside a tile.
+struct LargeTriangle {
+    key: Key,
+    /// Corners, area positive; `None` where they do not lie on the grid.
+    corners: Option<[[i64; 2]; 3]>,
+}
+
+impl LargeTriangle {
+    fn new(view: &View, model: &MeshModel, planes: &[Key], number: u32, corners: [Snapped; 3]) -> Self {
+        let surface = &model.surfaces[number as usize];
+        let is_fine = corners[0][3] | corners[1][3] | corners[2][3] == place::FINE;
+        let key = match planes.get(surface.plane as usize) {
+            _ if !is_fine => Key { over: Affine::default(), low: f32::INFINITY, high: f32::INFINITY },
+            Some(key) => *key,
+            None => {
+                let [a, b, c] = corners.map(|corner| f32::from_bits(corner[2] as u32));
+                let over = view.key_over(surface.normal.as_dvec3(), surface.offset);
+                held(over, a.min(b).min(c), a.max(b).max(c))
+            }
+        };
+        let corners = is_fine.then(|| {
+            let [a, b, c] = corners.map(|corner| [i64::from(corner[0]), i64::from(corner[1])]);
+            let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+            if area < 0 { [a, c, b] } else { [a, b, c] }
+        });
+        Self { key, corners }
+    }
+
+    /// No fragment at these pixels has a greater key.
+    fn nearest(&self, pixels: &Span) -> f32 {
+        let over = &self.key.over;
+        // Wherever in their pixels the samples lie.
+        let most = |slope: f64, first: i32, last: i32| (slope * f64::from(first)).max(slope * f64::from(last + 1));
+        let most = over.c + most(over.x, pixels.x0, pixels.x1) + most(over.y, pixels.y0, pixels.y1);
+        // A plane seen edge on tells nothing.
+        if most.is_finite() { rounded_up(most, over).max(self.key.low).min(self.key.high) } else { self.key.high }
+    }
+
+    /// Whether it may cover a sample of these pixels.
+    fn may_cover(&self, picture: &Picture, pixels: &Span) -> bool {
+        let Some(corners) = &self.corners else { return true };
+        let first = |px: i32| i64::from(px * SUBPIXELS + picture.first_sample);
+        let last = |px: i32| i64::from(px * SUBPIXELS + picture.last_sample);
+        (0..3).all(|i| {
+            let ([x, y], [to_x, to_y]) = (corners[i], corners[(i + 1) % 3]);
+            let (dx, dy) = (to_x - x, to_y - y);
+            // The edge function at the sample that is furthest on its positive side.
+            let px = if dy > 0 { first(pixels.x0) } else { last(pixels.x1) };
+            let py = if dx > 0 { last(pixels.y1) } else { first(pixels.y0) };
+            dx * (py - y) - dy * (px - x) >= 0
+        })
+    }
+}
+
+/// Buffers that are kept from meshlet to meshlet.
+#[derive(Debug, Default)]
+struct BinScratch {
+    /// By tile of the meshlet's: which of its small triangles, and their greatest key.
+    tiles: Vec<(u64, f32)>,
+}
+
+/// Written so that the compiler makes vectors of corners.
+#[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn bin(
+    view: &View,
     picture: &Picture,
     model: &MeshModel,
     vertices: &[Snapped],
     planes: &[Key],
     meshlet: usize,
-    masks: &mut Vec<u64>,
+    scratch: &mut BinScratch,
     out: &mut Vec<(u32, Entry)>,
 ) {
     let of = &model.meshlets[meshlet];
     let triangles = &model.triangles[of.first as usize..(of.first + of.count) as usize];
-    let mut tiles = [Span::default(); MESHLET];
-    let mut drawn = 0_u64;
-    let mut pixels = Span { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
+    let mut drawn = [Drawn::default(); MESHLET];
+    let mut small = 0_u64;
+    let mut large = 0_u64;
+    let nothing = Span { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
+    let (mut pixels, mut of_small) = (nothing, nothing);
     let mut nearest = f32::NEG_INFINITY;
     for (i, triangle) in triangles.iter().enumerate() {
         let [a, b, c] = triangle.map(|v| vertices[v as usize]);
@@ -201,33 +311,62 @@ fn bin(
         let key =
             if of.has_shared_planes { key.max(over_plane(model, planes, of.first + i as u32, [a, b, c])) } else { key };
         nearest = nearest.max(key);
-        drawn |= 1 << i;
-        tiles[i] = found.tiles();
+        drawn[i] = Drawn { pixels: found, nearest: key };
         pixels = pixels.around(&found);
+        if (found.x1 - found.x0).max(found.y1 - found.y0) < LARGE_PX {
+            small |= 1 << i;
+            of_small = of_small.around(&found);
+        } else {
+            large |= 1 << i;
+        }
     }
-    if drawn == 0 {
+    if small | large == 0 {
         return;
     }
-    let all = pixels.tiles();
     let across = picture.tiles_across;
-    let px = [pixels.x0, pixels.y0, pixels.x1, pixels.y1].map(|px| px as u16);
-    let entry = |triangles| Entry { meshlet: meshlet as u32, nearest, px, triangles };
+    let entry = |pixels: &Span, nearest: f32, triangles: u64| {
+        let px = [pixels.x0, pixels.y0, pixels.x1, pixels.y1].map(|px| px as u16);
+        Entry { meshlet: meshlet as u32, nearest, px, triangles }
+    };
     let tile = |x: i32, y: i32| (y * across + x) as u32;
+    let all = pixels.tiles();
     if (all.x0, all.y0) == (all.x1, all.y1) {
-        out.push((tile(all.x0, all.y0), entry(drawn)));
+        out.push((tile(all.x0, all.y0), entry(&pixels, nearest, small | large)));
         return;
     }
-    let width = all.x1 - all.x0 + 1;
-    masks.clear();
-    masks.resize((width * (all.y1 - all.y0 + 1)) as usize, 0);
-    for (i, tiles) in tiles.iter().enumerate().filter(|(i, _)| drawn >> i & 1 == 1) {
-        for y in tiles.y0..=tiles.y1 {
-            for x in tiles.x0..=tiles.x1 {
-                masks[((y - all.y0) * width + x - all.x0) as usize] |= 1 << i;
+    while large != 0 {
+        let i = large.trailing_zeros();
+        large &= large - 1;
+        let Drawn { pixels, nearest } = &drawn[i as usize];
+        let corners = triangles[i as usize].map(|v| vertices[v as usize]);
+        let triangle = LargeTriangle::new(view, model, planes, of.first + i, corners);
+        for (x, y) in pixels.tiles().all() {
+            let here = pixels.within_tile(x, y);
+            if triangle.may_cover(picture, &here) {
+                out.push((tile(x, y), entry(&here, triangle.nearest(&here).min(*nearest), 1 << i)));
             }
         }
     }
-    for (i, &triangles) in masks.iter().enumerate().filter(|(_, mask)| **mask != 0) {
-        out.push((tile(all.x0 + i as i32 % width, all.y0 + i as i32 / width), entry(triangles)));
+    if small == 0 {
+        return;
+    }
+    let all = of_small.tiles();
+    let width = all.x1 - all.x0 + 1;
+    scratch.tiles.clear();
+    scratch.tiles.resize((width * (all.y1 - all.y0 + 1)) as usize, (0, f32::NEG_INFINITY));
+    let mut rest = small;
+    while rest != 0 {
+        let i = rest.trailing_zeros();
+        rest &= rest - 1;
+        let Drawn { pixels, nearest } = &drawn[i as usize];
+        for (x, y) in pixels.tiles().all() {
+            let (triangles, nearest_here) = &mut scratch.tiles[((y - all.y0) * width + x - all.x0) as usize];
+            *triangles |= 1 << i;
+            *nearest_here = nearest_here.max(*nearest);
+        }
+    }
+    for (i, &(triangles, nearest)) in scratch.tiles.iter().enumerate().filter(|(_, (triangles, _))| *triangles != 0) {
+        let (x, y) = (all.x0 + i as i32 % width, all.y0 + i as i32 / width);
+        out.push((tile(x, y), entry(&of_small, nearest, triangles)));
     }
 }

@@ -39,20 +39,35 @@ pub(super) const END: u32 = u32::MAX;
 /// neighbour, so the layer that a fragment fits in is one of the last; further back a look costs more than it saves.
 const LOOK_BACK: u32 = 4;
 
-/// [`LayerHead::taken`] of a layer without a free place.
+/// [`Layer::taken`] of a layer without a free place.
 const ALL_TAKEN: u32 = (1 << LANES) - 1;
 
-/// What all fragments of a layer share.
+/// [`Layer::mixed`] of a layer whose fragments are all of one thing.
+const NOT_MIXED: u32 = u32::MAX;
+
+/// For every pixel of a block at most one fragment of one leaf. All of it that is mostly asked for is one cache line.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LayerHead {
+#[repr(align(64))]
+pub(super) struct Layer {
+    /// [`ABSENT`] where there is no fragment.
+    pub keys: [f32; LANES],
     /// Of the leaf.
     pub slot: u32,
-    /// The layer before, or [`END`].
-    pub next: u32,
     /// Bit i is set where pixel i has a fragment.
     pub taken: u32,
-    /// No key is greater.
-    pub nearest: f32,
+    /// What all the fragments are of, where the next says so: a triangle, or a solid's hit.
+    what: u32,
+    /// Place in `Fragments::mixed`, or [`NOT_MIXED`].
+    mixed: u32,
+}
+
+/// What is asked of layers that may be passed by. Apart from them, so that long lists lie close together.
+#[derive(Debug, Clone, Copy)]
+struct Link {
+    /// The layer before, or [`END`].
+    next: u32,
+    /// No key of the layer is greater.
+    nearest: f32,
 }
 
 /// The fragments of a tile. Buffers are kept from tile to tile.
@@ -60,12 +75,15 @@ pub(super) struct LayerHead {
 pub(super) struct Fragments {
     /// By block: the newest layer, or [`END`].
     newest: Vec<u32>,
-    pub heads: Vec<LayerHead>,
-    pub keys: Vec<[f32; LANES]>,
-    /// What each fragment is of: a triangle, or a solid's hit.
-    pub what: Vec<[u32; LANES]>,
+    layers: Vec<Layer>,
+    /// By layer.
+    links: Vec<Link>,
+    /// What the fragments of layers are of, pixel by pixel.
+    mixed: Vec<[u32; LANES]>,
     /// Layers that no block has any more.
     free: Vec<u32>,
+    /// Places in `mixed` that no layer has any more.
+    free_mixed: Vec<u32>,
     /// How many layers were begun.
     pub begun: usize,
     /// By block: bit i is set where pixel i needs no more fragments.
@@ -79,10 +97,11 @@ impl Fragments {
     pub fn clear(&mut self) {
         self.newest.clear();
         self.newest.resize((BLOCKS_ACROSS * BLOCKS_DOWN) as usize, END);
-        self.heads.clear();
-        self.keys.clear();
-        self.what.clear();
+        self.layers.clear();
+        self.links.clear();
+        self.mixed.clear();
         self.free.clear();
+        self.free_mixed.clear();
         self.begun = 0;
         self.done.clear();
         self.done.resize((BLOCKS_ACROSS * BLOCKS_DOWN) as usize, 0);
@@ -107,7 +126,34 @@ impl Fragments {
         self.settled[first.1 as usize..=last.1 as usize].iter().all(|row| row & columns == columns)
     }
 
-    /// Adds fragments of the leaf `slot` at the pixels of `mask` that need any; no key is greater than `nearest`.
+    /// How many layers the blocks have.
+    pub fn in_use(&self) -> usize {
+        self.layers.len() - self.free.len()
+    }
+
+    /// A layer by its number.
+    #[inline(always)]
+    pub fn layer(&self, number: u32) -> &Layer {
+        &self.layers[number as usize]
+    }
+
+    /// What the fragment of `layer` at pixel `lane` is of.
+    #[inline(always)]
+    pub fn what(&self, layer: &Layer, lane: usize) -> u32 {
+        if layer.mixed == NOT_MIXED { layer.what } else { self.mixed[layer.mixed as usize][lane] }
+    }
+
+    /// [`what`](Self::what) of all pixels; where there is no fragment it means nothing.
+    #[inline(always)]
+    pub fn what_lanes<S: Simd>(&self, simd: S, layer: &Layer) -> u32x8<S> {
+        if layer.mixed == NOT_MIXED {
+            u32x8::splat(simd, layer.what)
+        } else {
+            u32x8::from_slice(simd, &self.mixed[layer.mixed as usize])
+        }
+    }
+
+    /// Adds fragments of the leaf `slot` at the pixels of `mask` that need any, all of `what`; no key is greater than `nearest`.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)]
     pub fn add<S: Simd>(
@@ -118,7 +164,7 @@ impl Fragments {
         mask: mask32x8<S>,
         keys: f32x8<S>,
         nearest: f32,
-        what: u32x8<S>,
+        what: u32,
     ) {
         let bits = mask.to_bitmask() as u32 & !u32::from(self.done[block as usize]);
         if bits == 0 {
@@ -129,19 +175,20 @@ impl Fragments {
         // All eight fit in no layer that has one.
         let look_back = if bits == ALL_TAKEN { 0 } else { LOOK_BACK };
         for _ in 0..look_back {
-            let Some(head) = self.heads.get_mut(at as usize) else { break };
-            if head.slot == slot && head.taken & bits == 0 {
-                head.taken |= bits;
-                head.nearest = head.nearest.max(nearest);
-                let (old_keys, old_what) = (&mut self.keys[at as usize], &mut self.what[at as usize]);
-                *old_keys = mask.select(keys, f32x8::from_slice(simd, &*old_keys)).into();
-                *old_what = mask.select(what, u32x8::from_slice(simd, &*old_what)).into();
+            let Some(layer) = self.layers.get_mut(at as usize) else { break };
+            if layer.slot == slot && layer.taken & bits == 0 {
+                layer.taken |= bits;
+                let link = &mut self.links[at as usize];
+                link.nearest = link.nearest.max(nearest);
+                layer.keys = mask.select(keys, f32x8::from_slice(simd, &layer.keys)).into();
+                let of_pixels = self.mixed_of(at);
+                *of_pixels = mask.select(u32x8::splat(simd, what), u32x8::from_slice(simd, &*of_pixels)).into();
                 return;
             }
-            at = head.next;
+            at = self.links[at as usize].next;
         }
-        let head = LayerHead { slot, next: newest, taken: bits, nearest };
-        self.begin(block, head, mask.select(keys, f32x8::splat(simd, ABSENT)).into(), what.into());
+        let keys = mask.select(keys, f32x8::splat(simd, ABSENT)).into();
+        self.begin(block, nearest, Layer { keys, slot, taken: bits, what, mixed: NOT_MIXED });
     }
 
     /// Adds one fragment of the leaf `slot`, at pixel `lane` of a block, which needs it.
@@ -150,34 +197,55 @@ impl Fragments {
         let newest = self.newest[block as usize];
         let mut at = newest;
         for _ in 0..LOOK_BACK {
-            let Some(head) = self.heads.get_mut(at as usize) else { break };
-            if head.slot == slot && head.taken >> lane & 1 == 0 {
-                head.taken |= 1 << lane;
-                head.nearest = head.nearest.max(key);
-                self.keys[at as usize][lane] = key;
-                self.what[at as usize][lane] = what;
+            let Some(layer) = self.layers.get_mut(at as usize) else { break };
+            if layer.slot == slot && layer.taken >> lane & 1 == 0 {
+                layer.taken |= 1 << lane;
+                let link = &mut self.links[at as usize];
+                link.nearest = link.nearest.max(key);
+                layer.keys[lane] = key;
+                if layer.what != what || layer.mixed != NOT_MIXED {
+                    self.mixed_of(at)[lane] = what;
+                }
                 return;
             }
-            at = head.next;
+            at = self.links[at as usize].next;
         }
         let mut keys = [ABSENT; LANES];
         keys[lane] = key;
-        self.begin(block, LayerHead { slot, next: newest, taken: 1 << lane, nearest: key }, keys, [what; LANES]);
+        self.begin(block, key, Layer { keys, slot, taken: 1 << lane, what, mixed: NOT_MIXED });
+    }
+
+    /// What the fragments of a layer are of, pixel by pixel.
+    #[inline(always)]
+    fn mixed_of(&mut self, layer: u32) -> &mut [u32; LANES] {
+        let layer = &mut self.layers[layer as usize];
+        if layer.mixed == NOT_MIXED {
+            let all = [layer.what; LANES];
+            if let Some(place) = self.free_mixed.pop() {
+                layer.mixed = place;
+                self.mixed[place as usize] = all;
+            } else {
+                layer.mixed = self.mixed.len() as u32;
+                self.mixed.push(all);
+            }
+        }
+        &mut self.mixed[layer.mixed as usize]
     }
 
     /// Puts a layer before the block's others.
     #[inline(always)]
-    fn begin(&mut self, block: u32, head: LayerHead, keys: [f32; LANES], what: [u32; LANES]) {
+    fn begin(&mut self, block: u32, nearest: f32, layer: Layer) {
         self.begun += 1;
+        let newest = &mut self.newest[block as usize];
+        let link = Link { next: *newest, nearest };
         if let Some(at) = self.free.pop() {
-            self.newest[block as usize] = at;
-            (self.heads[at as usize], self.keys[at as usize], self.what[at as usize]) = (head, keys, what);
+            *newest = at;
+            (self.layers[at as usize], self.links[at as usize]) = (layer, link);
             return;
         }
-        self.newest[block as usize] = self.heads.len() as u32;
-        self.heads.push(head);
-        self.keys.push(keys);
-        self.what.push(what);
+        *newest = self.layers.len() as u32;
+        self.layers.push(layer);
+        self.links.push(link);
     }
 
     /// Takes the layers out of a block that may have keys above `floor`, and fills `list` with them.
@@ -185,10 +253,10 @@ impl Fragments {
         list.clear();
         let (mut at, mut last_kept) = (self.newest[block as usize], END);
         while at != END {
-            let LayerHead { next, nearest, .. } = self.heads[at as usize];
+            let Link { next, nearest } = self.links[at as usize];
             if nearest > floor {
                 list.push(at);
-                match self.heads.get_mut(last_kept as usize) {
+                match self.links.get_mut(last_kept as usize) {
                     Some(kept) => kept.next = next,
                     None => self.newest[block as usize] = next,
                 }
@@ -204,16 +272,20 @@ impl Fragments {
     #[inline(always)]
     pub fn put_back<S: Simd>(&mut self, simd: S, block: u32, layers: &[u32], floor: f32) {
         let open = !u32::from(self.done[block as usize]);
-        for &layer in layers {
-            let keys = f32x8::from_slice(simd, &self.keys[layer as usize]);
+        for &number in layers {
+            let layer = &mut self.layers[number as usize];
+            let keys = f32x8::from_slice(simd, &layer.keys);
             let stays = keys.simd_le(floor) & keys.simd_gt(ABSENT);
             let taken = stays.to_bitmask() as u32 & open;
             if taken == 0 {
-                self.free.push(layer);
+                self.free.push(number);
+                if layer.mixed != NOT_MIXED {
+                    self.free_mixed.push(layer.mixed);
+                }
             } else {
-                let head = &mut self.heads[layer as usize];
-                (head.taken, head.next, head.nearest) = (taken, self.newest[block as usize], floor);
-                self.newest[block as usize] = layer;
+                layer.taken = taken;
+                self.links[number as usize] = Link { next: self.newest[block as usize], nearest: floor };
+                self.newest[block as usize] = number;
             }
         }
     }
@@ -224,7 +296,7 @@ impl Fragments {
         let mut at = self.newest[block as usize];
         while at != END {
             list.push(at);
-            at = self.heads[at as usize].next;
+            at = self.links[at as usize].next;
         }
     }
 }

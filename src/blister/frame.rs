@@ -6,22 +6,23 @@
 #[cfg(feature = "gpu")]
 pub(crate) mod arrangement;
 mod crossings;
+mod pass;
+mod settling;
 
 use std::sync::Mutex;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, u32x8};
-use glam::DVec2;
 
-use super::beyond;
+use self::pass::Pass;
+use self::settling::Settling;
 use super::bins::{Bins, Entry};
+use super::few::{FEW, FewLayers};
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
-use super::model::{Look, MeshModel, Surface};
+use super::model::{Look, MeshModel};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
-use super::planes::NO_PLANE;
-use super::project::{self, Affine, SUBPIXELS, Snapped, View, place};
-use super::raster::{self, Grid, Key, Offsets};
-use super::small;
+use super::project::{self, SUBPIXELS, Snapped, View};
+use super::raster::{Grid, Key, Offsets};
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
@@ -92,7 +93,7 @@ impl<'a> MeshFrame<'a> {
         let view = View::new(camera);
         let vertices = project::vertices(level, &view, model);
         let planes = project::planes(&view, &model.planes);
-        let bins = Bins::new(&view, model, &vertices, &planes, samples > 1);
+        let bins = Bins::new(level, &view, model, &vertices, &planes, samples > 1);
         let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let outside = |look: &Option<Look>| {
             let around = look.as_ref().and_then(|look| look.closed_within);
@@ -242,7 +243,10 @@ impl<'a> MeshFrame<'a> {
                 .filter(|entry| slots.binary_search(&self.model.meshlets[entry.meshlet as usize].leaf).is_ok()),
         );
         if may_settle {
-            scratch.entries.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.meshlet.cmp(&b.meshlet)));
+            scratch.entries.sort_unstable_by(|a, b| {
+                let by_name = || (a.meshlet, a.triangles).cmp(&(b.meshlet, b.triangles));
+                b.nearest.total_cmp(&a.nearest).then_with(by_name)
+            });
         }
         let wants_bodies = matches!(target, Target::Layers(_));
         scratch.judge.reset();
@@ -263,7 +267,9 @@ impl<'a> MeshFrame<'a> {
             scratch.planes.extend(self.planes.iter().map(|key| pass.at_samples(*key)));
             scratch.fragments.clear();
             scratch.hits.clear();
-            let mut settling = Settling::new(wanted, grid, may_settle, wants_bodies);
+            // Then only what is seen matters, not what lies behind it.
+            let may_be_few = may_settle && !wants_bodies && scratch.shrunk.words() == 1;
+            let mut settling = Settling::new(wanted, grid, may_settle, may_be_few, wants_bodies);
             if may_settle {
                 scratch.states.clear();
                 scratch.states.resize(scratch.found.len() * scratch.shrunk.words(), [0; LANES]);
@@ -276,6 +282,7 @@ impl<'a> MeshFrame<'a> {
                 if let Some(slot) = slot_of(self.model.meshlets[entry.meshlet as usize].leaf) {
                     pass.meshlet(simd, &offsets, &entry, slot, &scratch.planes, &mut scratch.fragments);
                 }
+                settling.drawn += entry.triangles.count_ones();
                 let Some(next) = scratch.entries.get(i + 1) else { break };
                 if settling.is_due(next.nearest, &scratch.fragments) {
                     settling.settle(simd, next.nearest, scratch, lanes);
@@ -287,7 +294,7 @@ impl<'a> MeshFrame<'a> {
             for (solid, covers) in solids() {
                 if let Some(slot) = slot_of(solid.leaf) {
                     let (hits, fragments) = (&mut scratch.hits, &mut scratch.fragments);
-                    solids::draw(simd, &self.view, &scratch.planes, &grid, solid, *covers, slot, hits, fragments);
+                    solids::draw(&self.view, &scratch.planes, &grid, solid, *covers, slot, hits, fragments);
                 }
             }
             let writer = Writer {
@@ -325,10 +332,28 @@ impl<'a> MeshFrame<'a> {
                         self.put(&scratch.looks, found, wanted_here, corner, wanted, tile);
                         continue;
                     }
+                    scratch.fragments.layers_of(number, &mut scratch.layers);
+                    if settling.may_be_few && scratch.layers.len() <= FEW {
+                        let few = FewLayers {
+                            shrunk: &scratch.shrunk,
+                            fragments: &scratch.fragments,
+                            layers: &scratch.layers,
+                            wanted: wanted_here & !done,
+                            floor: ABSENT,
+                            ceiling: settling.ceiling(),
+                        };
+                        let found = &mut scratch.found[number as usize];
+                        let state = &mut scratch.states[number as usize];
+                        if let Some(new) = few.peel(simd, &mut lanes.nodes, state, found)
+                            && let Target::Opaque(tile) = &mut *target
+                        {
+                            self.put(&scratch.looks, found, (done | new) & wanted_here, corner, wanted, tile);
+                            continue;
+                        }
+                    }
                     if done != 0 {
                         chooser.out.put_block(&scratch.found[number as usize], done);
                     }
-                    scratch.fragments.layers_of(number, &mut scratch.layers);
                     if done != u8::MAX && !scratch.layers.is_empty() {
                         scratch.begins_inside.clear();
                         for (slot, solid) in &scratch.endless {
@@ -433,113 +458,6 @@ impl<'a> MeshFrame<'a> {
     }
 }
 
-/// Peels blocks before all of the tile is drawn.
-///
-/// *Theory.* Meshlets are drawn nearest first. Once the nearest fragment of those to come is known, nothing nearer can appear:
-/// all fragments before it can be peeled and forgotten. A pixel that has its boundary then takes no more fragments; a
-/// meshlet behind blocks whose pixels all have theirs is not drawn. This needs every ray to begin outside of every leaf, since
-/// else the parity of a leaf takes all of its fragments.
-///
-/// *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
-/// passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as ever before: no
-/// more looks than the logarithm of the layers.
-struct Settling {
-    wanted: PixelRect,
-    wants_bodies: bool,
-    grid: Grid,
-    is_on: bool,
-    /// Blocks that are not settled.
-    open: u32,
-    /// Layers begun at the last look, and how many more make the next.
-    last: usize,
-    step: usize,
-    /// All fragments with greater keys have been peeled.
-    floor: f32,
-}
-
-impl Settling {
-    /// Layers for each open block that make the first look.
-    const LAYERS_A_LOOK: u32 = 2;
-
-    fn new(wanted: PixelRect, grid: Grid, is_on: bool, wants_bodies: bool) -> Self {
-        let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
-        let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self { wanted, wants_bodies, grid, is_on, open, last: 0, step, floor: f32::INFINITY }
-    }
-
-    /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
-    fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
-        // Nothing can be told while what is to come may be as near as what has been peeled.
-        self.is_on && fragments.begun >= self.last + self.step && nearest < self.floor
-    }
-
-    /// No fragment that is still to be peeled has this key or a greater one.
-    fn ceiling(&self) -> f32 {
-        self.floor.next_up()
-    }
-
-    /// Whether all that an entry could draw is behind settled blocks.
-    fn hides(&self, entry: &Entry, fragments: &Fragments) -> bool {
-        let within = |px: u16, corner: u32| u32::from(px).saturating_sub(corner).min(TILE_SIDE - 1);
-        let (x0, y0) = (within(entry.px[0], self.grid.x0), within(entry.px[1], self.grid.y0));
-        let (x1, y1) = (within(entry.px[2], self.grid.x0), within(entry.px[3], self.grid.y0));
-        let block = |x: u32, y: u32| (x / BLOCK_WIDTH, y / BLOCK_HEIGHT);
-        fragments.all_settled(block(x0, y0), block(x1, y1))
-    }
-
-    /// Peels every open block down to `floor`, the greatest key that fragments to come can have.
-    #[inline(always)]
-    fn settle<S: Simd>(&mut self, simd: S, floor: f32, scratch: &mut Scratch, lanes: &mut LaneScratch<S>) {
-        let words = scratch.shrunk.words();
-        for number in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
-            let (block_x, block_y) = (number % BLOCKS_ACROSS, number / BLOCKS_ACROSS);
-            let corner = (self.grid.x0 + block_x * BLOCK_WIDTH, self.grid.y0 + block_y * BLOCK_HEIGHT);
-            let wanted = wanted_lanes(corner, self.wanted);
-            let done = scratch.fragments.done(number);
-            if wanted & !done == 0 {
-                continue;
-            }
-            scratch.fragments.take_above(number, floor, &mut scratch.layers);
-            if scratch.layers.is_empty() {
-                continue;
-            }
-            let mut chooser = Chooser {
-                looks: &scratch.looks,
-                hits: &scratch.hits,
-                judge: &mut scratch.judge,
-                out: &mut scratch.survivors,
-                wants_bodies: self.wants_bodies,
-            };
-            let block = Block {
-                shrunk: &scratch.shrunk,
-                fragments: &scratch.fragments,
-                kinds: &scratch.kinds,
-                layers: &scratch.layers,
-                begins_inside: &[],
-                wanted: wanted & !done,
-                has_sheets: false,
-                is_plain: true,
-                is_partial: true,
-                floor,
-                ceiling: self.ceiling(),
-            };
-            let found = &mut scratch.found[number as usize];
-            chooser.out.put_block(found, done);
-            let state = &mut scratch.states[number as usize * words..][..words];
-            block.peel_on(simd, state, lanes, &mut scratch.peel, &mut chooser);
-            let done;
-            (*found, done) = chooser.out.take_block();
-            let is_settled = done & wanted == wanted;
-            scratch.fragments.finish(number, done, is_settled);
-            self.open -= u32::from(is_settled);
-            scratch.fragments.put_back(simd, number, &scratch.layers, floor);
-        }
-        self.floor = floor;
-        self.last = scratch.fragments.begun;
-        self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
-    }
-}
-
 /// The column and row of a block's pixel.
 fn pixel_of(lane: usize) -> (u32, u32) {
     (lane as u32 % BLOCK_WIDTH, lane as u32 / BLOCK_WIDTH)
@@ -560,106 +478,6 @@ fn wanted_lanes(corner: (u32, u32), wanted: PixelRect) -> u8 {
         let is_wanted = (wanted.x0..wanted.x1).contains(&x) && (wanted.y0..wanted.y1).contains(&y);
         lanes | u8::from(is_wanted) << lane
     })
-}
-
-/// One sample of a tile's pixels.
-struct Pass<'a> {
-    frame: &'a MeshFrame<'a>,
-    grid: Grid,
-    /// Of the sample in its pixel, pixels.
-    offset: DVec2,
-}
-
-impl Pass<'_> {
-    /// A key over positions as one over whole pixels' samples.
-    fn at_samples(&self, key: Key) -> Key {
-        Key { over: key.over.counted_from(self.offset), ..key }
-    }
-
-    #[inline(always)]
-    fn meshlet<S: Simd>(
-        &self,
-        simd: S,
-        offsets: &Offsets<S>,
-        entry: &Entry,
-        slot: u32,
-        planes: &[Key],
-        fragments: &mut Fragments,
-    ) {
-        let (model, vertices) = (self.frame.model, &self.frame.vertices);
-        let first = model.meshlets[entry.meshlet as usize].first;
-        let mut rest = entry.triangles;
-        let mut batch = small::Batch::default();
-        while rest != 0 {
-            let number = first + rest.trailing_zeros();
-            rest &= rest - 1;
-            let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-            if corners[0][3] | corners[1][3] | corners[2][3] == place::FINE {
-                batch.push(number, corners);
-            } else {
-                self.beyond(simd, number, slot, planes, fragments);
-            }
-            if batch.len < LANES && rest != 0 {
-                continue;
-            }
-            let found = batch.find(simd, &self.grid);
-            let mut visible = found.visible();
-            while visible != 0 {
-                let lane = visible.trailing_zeros() as usize;
-                visible &= visible - 1;
-                let number = batch.numbers[lane];
-                found.draw(lane, &self.key(number, planes), &self.grid, slot, number, fragments);
-            }
-            let mut large = found.large;
-            while large != 0 {
-                let number = batch.numbers[large.trailing_zeros() as usize];
-                large &= large - 1;
-                let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-                let key = || self.key(number, planes);
-                raster::triangle(simd, offsets, &self.grid, corners, key, slot, number, fragments);
-            }
-            batch.len = 0;
-        }
-    }
-
-    /// The key over a triangle's plane, its own or a shared one.
-    #[inline(always)]
-    fn key(&self, number: u32, planes: &[Key]) -> Key {
-        let surface = &self.frame.model.surfaces[number as usize];
-        if surface.plane != NO_PLANE {
-            return planes[surface.plane as usize];
-        }
-        let triangle = self.frame.model.triangles[number as usize];
-        let [a, b, c] = triangle.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
-        held(self.own_key(surface), a.min(b).min(c), a.max(b).max(c))
-    }
-
-    #[inline(always)]
-    fn own_key(&self, surface: &Surface) -> Affine {
-        self.frame.view.key_over(surface.normal.as_dvec3(), surface.offset).counted_from(self.offset)
-    }
-
-    /// Draws a triangle that is not on the grid.
-    #[inline(never)]
-    fn beyond<S: Simd>(&self, simd: S, number: u32, slot: u32, planes: &[Key], fragments: &mut Fragments) {
-        let (model, view) = (self.frame.model, &self.frame.view);
-        let (triangle, surface) = (model.triangles[number as usize], &model.surfaces[number as usize]);
-        let over = if surface.plane == NO_PLANE { self.own_key(surface) } else { planes[surface.plane as usize].over };
-        let corner = |i: usize| {
-            let vertex = triangle[i];
-            let p_in_view = view.camera.view_from_world(model.position(vertex));
-            beyond::Corner { vertex, snapped: &self.frame.vertices[vertex as usize], p_in_view }
-        };
-        let corners = [corner(0), corner(1), corner(2)];
-        beyond::triangle(simd, view, &self.grid, corners, over, slot, number, fragments);
-    }
-}
-
-/// A triangle's own key, held to its corners' range. One that is seen edge on has no plane that says anything: it has its
-/// nearest corner's key.
-fn held(over: Affine, low: f32, high: f32) -> Key {
-    let is_sound = over.x.is_finite() && over.y.is_finite() && over.c.is_finite();
-    if is_sound { Key { over, low, high } } else { Key { over: Affine::default(), low: high, high } }
 }
 
 impl LayerSource for MeshFrame<'_> {

@@ -18,13 +18,14 @@
 //! together. There is no superset R: a tile that lacks a leaf knows that the leaf is a constant there.
 //!
 //! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `project` snaps
-//! vertices to the picture, `bins` sorts what is visible by tile; `raster` and `small` draw the ordinary triangles, `beyond`
+//! vertices to the picture, `bins` sorts what is visible by tile; `setup` and `raster` draw the ordinary triangles, `beyond`
 //! those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they find, and
-//! `peel` finds boundaries in it, with the rules of `ties`; `survivors` puts them in order and `write` fills them in.
+//! `peel` and, of simple blocks, `few` find boundaries in it, with the rules of `ties`; `survivors` puts them in order and `write` fills them in.
 //! [`frame`] is the [`LayerSource`](crate::layers::LayerSource).
 
 mod beyond;
 mod bins;
+mod few;
 mod fragments;
 pub mod frame;
 pub mod model;
@@ -32,7 +33,7 @@ mod peel;
 mod planes;
 mod project;
 mod raster;
-mod small;
+mod setup;
 mod solids;
 mod survivors;
 #[cfg(test)]

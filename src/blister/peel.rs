@@ -290,7 +290,7 @@ impl Block<'_> {
                             let inside = self.of_lane(lane, if is_front { &state } else { &before });
                             sink.body(self.shrunk, &inside[..self.shrunk.words()]).unwrap_or(layer.slot)
                         };
-                        let what = self.fragments.what[layer.layer as usize][lane];
+                        let what = self.fragments.what(self.fragments.layer(layer.layer), lane);
                         sink.take_one(lane, Survivor { key: keys[lane], what, owner: layer.slot, body, is_front })
                     } else {
                         scratch.members.clear();
@@ -343,7 +343,7 @@ impl Block<'_> {
         for i in layers {
             let here = lanes.keys[i].simd_eq(next);
             let layer = &scratch.layers[i];
-            what = here.select(u32x8::from_slice(simd, &self.fragments.what[layer.layer as usize]), what);
+            what = here.select(self.fragments.what_lanes(simd, self.fragments.layer(layer.layer)), what);
             owners = here.select(u32x8::splat(simd, layer.slot), owners);
             inside = here.select(after[layer.word % WORDS] & layer.bit, inside);
         }
@@ -380,7 +380,7 @@ impl Block<'_> {
     fn gather<S: Simd>(&self, simd: S, lanes: &mut LaneScratch<S>, scratch: &mut PeelScratch) {
         scratch.layers.clear();
         for &layer in self.layers {
-            let slot = self.fragments.heads[layer as usize].slot as usize;
+            let slot = self.fragments.layer(layer).slot as usize;
             scratch.layers.push(GatheredLayer {
                 layer,
                 slot: slot as u32,
@@ -392,7 +392,7 @@ impl Block<'_> {
         }
         if scratch.layers.len() > UNORDERED_LAYERS {
             for gathered in &mut scratch.layers {
-                let keys = f32x8::from_slice(simd, &self.fragments.keys[gathered.layer as usize]);
+                let keys = f32x8::from_slice(simd, &self.fragments.layer(gathered.layer).keys);
                 gathered.nearest = keys.reduce_max();
             }
             scratch.order.clear();
@@ -410,15 +410,16 @@ impl Block<'_> {
         }
         lanes.keys.clear();
         for gathered in &scratch.layers {
-            lanes.keys.push(f32x8::from_slice(simd, &self.fragments.keys[gathered.layer as usize]));
+            lanes.keys.push(f32x8::from_slice(simd, &self.fragments.layer(gathered.layer).keys));
         }
     }
 
     /// The fragments of pixel `lane` with just this key.
     fn members(&self, lane: usize, key: f32, members: &mut Vec<Member>) {
         for &layer in self.layers {
-            if self.fragments.keys[layer as usize][lane] == key {
-                members.push((self.fragments.heads[layer as usize].slot, self.fragments.what[layer as usize][lane]));
+            let layer = self.fragments.layer(layer);
+            if layer.keys[lane] == key {
+                members.push((layer.slot, self.fragments.what(layer, lane)));
             }
         }
     }
@@ -439,13 +440,10 @@ impl Block<'_> {
         let PeelScratch { counters, sorted, members, before, after, .. } = scratch;
         sorted.clear();
         for &layer in self.layers {
-            let key = self.fragments.keys[layer as usize][lane];
+            let layer = self.fragments.layer(layer);
+            let key = layer.keys[lane];
             if key > ABSENT && key < self.ceiling {
-                sorted.push((
-                    key,
-                    self.fragments.heads[layer as usize].slot,
-                    self.fragments.what[layer as usize][lane],
-                ));
+                sorted.push((key, layer.slot, self.fragments.what(layer, lane)));
             }
         }
         sorted.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));

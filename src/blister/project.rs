@@ -13,6 +13,7 @@ use fearless_simd::{Level, Simd};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::fragments::LANES;
 use super::model::MeshModel;
 use super::planes::Plane;
 use super::raster::Key;
@@ -58,6 +59,30 @@ impl Affine {
     #[inline(always)]
     pub fn counted_from(&self, origin: DVec2) -> Self {
         Self { c: self.at(origin.x, origin.y), ..*self }
+    }
+}
+
+/// Eight of [`Affine`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Affines {
+    x: [f64; LANES],
+    y: [f64; LANES],
+    c: [f64; LANES],
+}
+
+impl Affines {
+    /// As [`Affine::counted_from`].
+    #[inline(always)]
+    pub fn counted_from(mut self, origin: DVec2) -> Self {
+        for lane in 0..LANES {
+            self.c[lane] = self.get(lane).at(origin.x, origin.y);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> Affine {
+        Affine { x: self.x[lane], y: self.y[lane], c: self.c[lane] }
     }
 }
 
@@ -119,6 +144,31 @@ impl View {
         };
         let gradient = DVec2::new(n.x, n.y) * (share * self.per_scale);
         Affine { x: gradient.x, y: gradient.y, c: constant - gradient.dot(self.middle) }
+    }
+
+    /// [`key_over`](Self::key_over) eight planes, the same bits: normals by axis. Written so that the compiler makes vectors of
+    /// it.
+    #[inline(always)]
+    pub fn keys_over(&self, normals: &[[f64; LANES]; 3], offsets: &[f64; LANES]) -> Affines {
+        let Camera { eye, right, down, forward, .. } = &self.camera;
+        let dot = |lane: usize, v: &DVec3| normals[0][lane] * v.x + normals[1][lane] * v.y + normals[2][lane] * v.z;
+        let none = [0.0; LANES];
+        let (mut share, mut constant) = (none, none);
+        for lane in 0..LANES {
+            let offset = offsets[lane] - dot(lane, eye);
+            let n_z = dot(lane, forward);
+            let by = if self.is_perspective { offset } else { n_z };
+            share[lane] = 1.0 / by;
+            constant[lane] = (if self.is_perspective { n_z } else { -offset }) * share[lane];
+        }
+        let mut over = Affines { x: none, y: none, c: none };
+        for lane in 0..LANES {
+            let scale = share[lane] * self.per_scale;
+            over.x[lane] = dot(lane, right) * scale;
+            over.y[lane] = dot(lane, down) * scale;
+            over.c[lane] = constant[lane] - (over.x[lane] * self.middle.x + over.y[lane] * self.middle.y);
+        }
+        over
     }
 
     /// Whether no ray begins in a box in world space.

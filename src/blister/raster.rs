@@ -12,7 +12,7 @@
 //! bits at a pixel, however they lie.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, i32x8, u32x8};
+use fearless_simd::{Simd, f32x8, i32x8};
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, Fragments};
 use super::project::{Affine, Snapped};
@@ -81,14 +81,14 @@ impl<S: Simd> Offsets<S> {
 }
 
 /// A triangle no wider than this on the grid has edge functions below 2^31 over the tile, wherever it touches it.
-const SMALL: i32 = 1 << 14;
+pub(super) const SMALL: i32 = 1 << 14;
 
 /// ⌊e/256⌋ at a tile's pixel: `c + dx·row − dy·column`.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    c: i64,
-    dx: i32,
-    dy: i32,
+pub(super) struct Edge {
+    pub c: i64,
+    pub dx: i32,
+    pub dy: i32,
 }
 
 impl Edge {
@@ -180,7 +180,7 @@ pub(super) fn triangle<S: Simd>(
     offsets: &Offsets<S>,
     grid: &Grid,
     corners: [&Snapped; 3],
-    key: impl FnOnce() -> Key,
+    key: &Key,
     slot: u32,
     what: u32,
     fragments: &mut Fragments,
@@ -201,10 +201,10 @@ pub(super) fn triangle<S: Simd>(
     }
     let (b, c) = if area < 0 { (c, b) } else { (b, c) };
     let mut edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
-    let (width, height) = (BLOCK_WIDTH as i32, BLOCK_HEIGHT as i32);
-    let blocks_x = (x.0 / width, x.1 / width);
-    let blocks_y = (y.0 / height, y.1 / height);
     if high_x - low_x > SMALL || high_y - low_y > SMALL {
+        let (width, height) = (BLOCK_WIDTH as i32, BLOCK_HEIGHT as i32);
+        let blocks_x = (x.0 / width, x.1 / width);
+        let blocks_y = (y.0 / height, y.1 / height);
         // All pixels of the blocks: an edge that is left out must hold for those outside of the box too.
         let columns = (blocks_x.0 * width, blocks_x.1 * width + width - 1);
         let rows = (blocks_y.0 * height, blocks_y.1 * height + height - 1);
@@ -218,16 +218,36 @@ pub(super) fn triangle<S: Simd>(
             }
         }
     }
+    blocks(simd, offsets, grid, [x, y], &edges, key, slot, what, fragments);
+}
+
+/// Puts the fragments of one triangle into `fragments`, given its `edges` and the first and last column and row of the samples
+/// in its box.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+pub(super) fn blocks<S: Simd>(
+    simd: S,
+    offsets: &Offsets<S>,
+    grid: &Grid,
+    [x, y]: [(i32, i32); 2],
+    edges: &[Edge; 3],
+    key: &Key,
+    slot: u32,
+    what: u32,
+    fragments: &mut Fragments,
+) {
+    let last = TILE_SIDE as i32 - 1;
+    let (width, height) = (BLOCK_WIDTH as i32, BLOCK_HEIGHT as i32);
+    let blocks_x = (x.0 / width, x.1 / width);
+    let blocks_y = (y.0 / height, y.1 / height);
     let lanes = [
         offsets.y * edges[0].dx - offsets.x * edges[0].dy,
         offsets.y * edges[1].dx - offsets.x * edges[1].dy,
         offsets.y * edges[2].dx - offsets.x * edges[2].dy,
     ];
-    let key = key();
     let (key_x, key_y) = (key.over.x as f32, key.over.y as f32);
     let key_lanes = offsets.x_f * key_x + offsets.y_f * key_y;
-    let what = u32x8::splat(simd, what);
-    let bounds = (blocks_x.1 - blocks_x.0 > WIDE_BLOCKS).then(|| Bounds::new(&edges));
+    let bounds = (blocks_x.1 - blocks_x.0 > WIDE_BLOCKS).then(|| Bounds::new(edges));
     for block_y in blocks_y.0..=blocks_y.1 {
         let row = block_y * height;
         let mut across = blocks_x;

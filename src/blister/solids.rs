@@ -5,8 +5,6 @@
 //! together. A half-space has no other end: whether a ray begins inside cannot be told from the crossings in front of the
 //! eye, so it is asked at the ray's origin.
 
-use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
@@ -87,8 +85,7 @@ pub(super) fn ray(view: &View, grid: &Grid, column: u32, row: u32) -> Ray {
 
 /// Puts all fragments of `leaf` in the tile into `fragments`; `covers` are its pixels, `hits` gathers what they are.
 #[allow(clippy::too_many_arguments)]
-pub(super) fn draw<S: Simd>(
-    simd: S,
+pub(super) fn draw(
     view: &View,
     planes: &[Key],
     grid: &Grid,
@@ -136,10 +133,11 @@ pub(super) fn draw<S: Simd>(
                     });
                 }
             }
+            let open = !u64::from(fragments.done(block));
             for (keys, what, bits) in layers {
-                let mask = mask32x8::from_bitmask(simd, bits);
-                let (keys, what) = (f32x8::from_slice(simd, &keys), u32x8::from_slice(simd, &what));
-                fragments.add(simd, block, slot, mask, keys, f32::INFINITY, what);
+                for lane in (0..LANES).filter(|lane| (bits & open) >> lane & 1 == 1) {
+                    fragments.add_one(block, slot, lane, keys[lane], what[lane]);
+                }
             }
         }
     }

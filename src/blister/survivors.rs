@@ -137,6 +137,13 @@ impl Eight {
         &self.owners
     }
 
+    /// Puts in what the pixels `lanes` show, whoever asks for no more than that.
+    #[inline(always)]
+    pub fn put_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, what: u32x8<S>, owners: u32x8<S>) {
+        self.what = lanes.select(what, u32x8::from_slice(simd, &self.what)).into();
+        self.owners = lanes.select(owners, u32x8::from_slice(simd, &self.owners)).into();
+    }
+
     fn get(&self, lane: usize) -> Survivor {
         let body = self.bodies[lane];
         Survivor {

@@ -189,13 +189,14 @@ impl<'a> Shader<'a> {
                     f32x8::splat(simd, 1.0),
                 );
                 if covered == u64::from(u8::MAX)
-                    && let Ok(pixels) = <&mut [[f32; 4]; LANES]>::try_from(&mut *pixels)
+                    && let ([left, right], []) = pixels.as_flattened_mut().as_chunks_mut()
                 {
-                    for (lane, pixel) in pixels.iter_mut().enumerate() {
-                        *pixel = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
-                    }
+                    let (lit, one) = (lit.map(|channel| channel.split()), f32x8::splat(simd, 1.0).split());
+                    simd.store_four_interleaved_f32x4([lit[0].0, lit[1].0, lit[2].0, one.0], left);
+                    simd.store_four_interleaved_f32x4([lit[0].1, lit[1].1, lit[2].1, one.1], right);
                     continue;
                 }
+                let lit: [[f32; LANES]; 3] = lit.map(Into::into);
                 for (lane, pixel) in pixels.iter_mut().enumerate() {
                     let is_covered = covered >> lane & 1 == 1;
                     *pixel = if is_covered { [lit[0][lane], lit[1][lane], lit[2][lane], 1.0] } else { background };
@@ -211,7 +212,8 @@ impl<'a> Shader<'a> {
         let [n_x, n_y, n_z] = &batch.normal;
         let [r, g, b] = &batch.colour;
         let at = [load(&batch.at[0]), load(&batch.at[1])];
-        self.lit_lanes(simd, at, [load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)], load(&batch.sun))
+        let (normal, colour) = ([load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)]);
+        self.lit_lanes(simd, at, normal, colour, load(&batch.sun)).map(Into::into)
     }
 
     /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours, where a share `sun` of the light arrives.
@@ -223,7 +225,7 @@ impl<'a> Shader<'a> {
         [n_x, n_y, n_z]: [f32x8<S>; 3],
         [r, g, b]: [f32x8<S>; 3],
         sun: f32x8<S>,
-    ) -> [[f32; LANES]; 3] {
+    ) -> [f32x8<S>; 3] {
         let (forward, right, down) =
             (self.camera.forward.as_vec3(), self.camera.right.as_vec3(), self.camera.down.as_vec3());
         // Towards the eye.
@@ -250,14 +252,18 @@ impl<'a> Shader<'a> {
         let hemisphere = (from_above * (1.0 - GROUND_SHARE) + GROUND_SHARE) * self.ambient;
         let rim = power::<RIM_EXPONENT, S>(one - facing_eye) * RIM;
         let diffuse = hemisphere + facing_light * (1.0 - self.ambient) * sun + rim;
-        let (b_x, b_y, b_z) = (e_x + light.x, e_y + light.y, e_z + light.z);
-        let squared = b_x * b_x + b_y * b_y + b_z * b_z;
-        // Straight from behind there is no direction between; nothing shines there.
-        let per_length = squared.simd_gt(f32::MIN_POSITIVE).select(one / squared.sqrt(), one);
-        let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
-        let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT * sun;
-        let highlight = facing_light.simd_gt(0.0).select(shine, f32x8::splat(simd, 0.0));
-        [(r * diffuse + highlight).into(), (g * diffuse + highlight).into(), (b * diffuse + highlight).into()]
+        let is_lit = facing_light.simd_gt(0.0);
+        let mut highlight = f32x8::splat(simd, 0.0);
+        if is_lit.any_true() {
+            let (b_x, b_y, b_z) = (e_x + light.x, e_y + light.y, e_z + light.z);
+            let squared = b_x * b_x + b_y * b_y + b_z * b_z;
+            // Straight from behind there is no direction between; nothing shines there.
+            let per_length = squared.simd_gt(f32::MIN_POSITIVE).select(one / squared.sqrt(), one);
+            let mirrored = (side * (n_x * b_x + n_y * b_y + n_z * b_z) * per_length).max(0.0);
+            let shine = power::<HIGHLIGHT_EXPONENT, S>(mirrored) * HIGHLIGHT * sun;
+            highlight = is_lit.select(shine, highlight);
+        }
+        [r * diffuse + highlight, g * diffuse + highlight, b * diffuse + highlight]
     }
 
     /// Linear RGB of the lit surface at `boundary`, seen from `towards_eye` (world space, unit length).

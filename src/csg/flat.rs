@@ -8,7 +8,8 @@
 //!
 //! *Changes from the paper.* Blister 2005 §3 walks a list, which visits literals one after the other. Here a node's
 //! literals lie in bit masks: 32 of them are compared at once, and eight points at a time ([`Shrunk::eval_lanes`]); or
-//! only the nodes are visited that the toggle of one leaf changes ([`Counters`]).
+//! only the nodes are visited that the toggle of one leaf changes ([`Counters`]). Over few leaves the values of all states are
+//! found once and looked up ([`Table`]).
 //!
 //! *Practice.* [`Flat`] is made once for a scene. [`Shrunk::keep`] is called for every tile with the leaves that occur
 //! there: it visits those leaves and the nodes above them, never the whole tree. Leaves that cannot matter any more get no
@@ -18,6 +19,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, u32x8};
 
 use super::positive::PositiveNode;
+use super::table::{self, Table};
 use super::{LeafId, Positive};
 
 /// Leaves a word of state holds.
@@ -166,6 +168,8 @@ pub struct Shrunk {
     touched_at: Vec<u32>,
     touched: Vec<Touched>,
     order: Vec<u32>,
+    /// Where the expression has more than one node, and few slots.
+    table: Option<Table>,
 }
 
 /// A node above a present leaf, while shrinking.
@@ -243,6 +247,7 @@ impl Shrunk {
         self.places.clear();
         self.order.clear();
         self.touched.clear();
+        self.table = None;
     }
 
     fn reset_touched(&mut self) {
@@ -356,6 +361,27 @@ impl Shrunk {
             let above = &mut self.nodes[parent as usize];
             above.deciding += u32::from((is_and == (deciding == 0)) != above.is_and);
         }
+        // One node is as soon evaluated as looked up.
+        if self.nodes.len() > 1 && self.slots.len() <= table::MOST_SLOTS {
+            self.table = Some(self.tabulated());
+        }
+    }
+
+    fn tabulated(&self) -> Table {
+        let mut values: Vec<Table> = self.nodes.iter().map(|node| Table::constant(node.is_and)).collect();
+        for (i, node) in self.nodes.iter().enumerate() {
+            let own = self.literals[node.first as usize..node.end as usize].iter().flat_map(|literals| {
+                let slots = (0..self.slots.len()).filter(|slot| literals.mask >> slot & 1 == 1);
+                slots.map(|slot| Table::of_slot(slot, literals.negated >> slot & 1 == 1))
+            });
+            let value = own.fold(values[i], |value, literal| value.and_or(literal, node.is_and));
+            values[i] = value;
+            if let Some(above) = values.get_mut(node.parent as usize) {
+                *above = above.and_or(value, self.nodes[node.parent as usize].is_and);
+            }
+        }
+        // The root is the last.
+        values[values.len() - 1]
     }
 
     /// The leaves that matter, sorted: slot `i` is bit `i % 32` of word `i / 32` of a state.
@@ -423,6 +449,9 @@ impl Shrunk {
     /// where its point is inside, else none. `scratch` has [`node_count`](Self::node_count) entries, of any value.
     #[inline(always)]
     pub fn eval_lanes<S: Simd>(&self, simd: S, state: &[u32x8<S>], scratch: &mut [u32x8<S>]) -> u32x8<S> {
+        if let (Some(table), [state, ..]) = (&self.table, state) {
+            return table.look_up(simd, *state);
+        }
         let (none, all) = (u32x8::splat(simd, 0), u32x8::splat(simd, u32::MAX));
         if let [root] = &self.nodes[..] {
             return self.own_lanes(simd, root, state, if root.is_and { all } else { none });

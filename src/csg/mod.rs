@@ -29,6 +29,7 @@ pub mod residual;
 pub mod status;
 pub mod steps;
 pub mod superset;
+mod table;
 mod tree;
 mod tri;
 pub mod walk;

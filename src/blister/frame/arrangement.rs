@@ -16,9 +16,10 @@ pub(crate) use super::super::project::SUBPIXELS;
 use super::super::project::{Affine, place};
 pub(crate) use super::super::raster::owns_zero;
 use super::super::raster::{Grid, Key};
+use super::super::setup::held;
 use super::super::solids;
 use super::super::write::Writer;
-use super::{MeshFrame, Pass, Scratch, held, pixel_of};
+use super::{MeshFrame, Pass, Scratch, pixel_of};
 use crate::csg::{Kept, LeafId, Shrunk};
 use crate::layers::{LayerLimit, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
@@ -295,9 +296,7 @@ impl MeshFrame<'_> {
                 for (solid, covers) in self.model.solids.iter().zip(&self.covers) {
                     let Some(slot) = slot_of(solid.leaf) else { continue };
                     let Scratch { planes, hits, fragments, .. } = &mut *scratch;
-                    fearless_simd::dispatch!(self.level, simd => {
-                        solids::draw(simd, &self.view, planes, &grid, solid, *covers, slot, hits, fragments)
-                    });
+                    solids::draw(&self.view, planes, &grid, solid, *covers, slot, hits, fragments);
                 }
                 let hits = std::mem::take(&mut scratch.hits);
                 each_fragment(scratch, tile, |x, y, slot, key, what| {
@@ -338,6 +337,19 @@ fn drawn(slot: u32, key: &Key, anchor: [f32; 2], normal: Vec3, colour: SurfaceCo
     }
 }
 
+impl Pass<'_> {
+    /// The key over a triangle's plane, its own or a shared one.
+    fn key(&self, number: u32, planes: &[Key]) -> Key {
+        let surface = &self.frame.model.surfaces[number as usize];
+        if surface.plane != NO_PLANE {
+            return planes[surface.plane as usize];
+        }
+        let triangle = self.frame.model.triangles[number as usize];
+        let [a, b, c] = triangle.map(|v| f32::from_bits(self.frame.vertices[v as usize][2] as u32));
+        held(self.own_key(surface), a.min(b).min(c), a.max(b).max(c))
+    }
+}
+
 /// Calls `take` with pixel, slot, key and what of every fragment of the tile that lies in the picture.
 fn each_fragment(scratch: &mut Scratch, tile: PixelRect, mut take: impl FnMut(u32, u32, u32, f32, u32)) {
     for block in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
@@ -345,13 +357,12 @@ fn each_fragment(scratch: &mut Scratch, tile: PixelRect, mut take: impl FnMut(u3
         fragments.layers_of(block, layers);
         let corner = (tile.x0 + block % BLOCKS_ACROSS * BLOCK_WIDTH, tile.y0 + block / BLOCKS_ACROSS * BLOCK_HEIGHT);
         for &layer in &*layers {
-            let head = &fragments.heads[layer as usize];
-            for lane in (0..LANES).filter(|lane| head.taken >> lane & 1 == 1) {
+            let layer = fragments.layer(layer);
+            for lane in (0..LANES).filter(|lane| layer.taken >> lane & 1 == 1) {
                 let (x, y) = pixel_of(lane);
                 let (x, y) = (corner.0 + x, corner.1 + y);
                 if x < tile.x1 && y < tile.y1 {
-                    let (keys, what) = (&fragments.keys[layer as usize], &fragments.what[layer as usize]);
-                    take(x, y, head.slot, keys[lane], what[lane]);
+                    take(x, y, layer.slot, layer.keys[lane], fragments.what(layer, lane));
                 }
             }
         }

@@ -110,7 +110,7 @@ impl MeshFrame<'_> {
                 let part = overlap(PixelRect { x0: x0 + x, y0: y0 + y, x1: x0 + x + PART, y1: y0 + y + PART }, within);
                 if part.x0 < part.x1 && part.y0 < part.y1 && self.may_meet(solid, part) {
                     let (hits, fragments) = (&mut scratch.hits, &mut scratch.fragments);
-                    solids::draw(simd, &self.view, &scratch.planes, &grid, solid, part, solid.leaf.0, hits, fragments);
+                    solids::draw(&self.view, &scratch.planes, &grid, solid, part, solid.leaf.0, hits, fragments);
                 }
             }
         }
@@ -118,13 +118,11 @@ impl MeshFrame<'_> {
             scratch.fragments.layers_of(block, &mut scratch.layers);
             let corner = (x0 + block % BLOCKS_ACROSS * BLOCK_WIDTH, y0 + block / BLOCKS_ACROSS * BLOCK_HEIGHT);
             for &layer in &scratch.layers {
-                let leaf = LeafId(scratch.fragments.heads[layer as usize].slot);
+                let layer = scratch.fragments.layer(layer);
+                let leaf = LeafId(layer.slot);
                 let is_solid = self.model.solid_of(leaf).is_some();
                 for lane in 0..LANES {
-                    let (key, what) = {
-                        let (keys, what) = (&scratch.fragments.keys, &scratch.fragments.what);
-                        (keys[layer as usize][lane], what[layer as usize][lane])
-                    };
+                    let (key, what) = (layer.keys[lane], scratch.fragments.what(layer, lane));
                     let (x, y) = pixel_of(lane);
                     let (x, y) = (corner.0 + x, corner.1 + y);
                     let is_wanted = (rect.x0..rect.x1).contains(&x) && (rect.y0..rect.y1).contains(&y);
