@@ -21,7 +21,7 @@
 use super::Look;
 use super::lighting::Shader;
 use super::merge::{Content, Contents};
-use super::occlusion::Shade;
+use super::occlusion::{Depths, Shade};
 use super::picture::Picture;
 use super::shaded::{blend_one, over};
 use super::shadow::Shadows;
@@ -65,13 +65,13 @@ pub(super) fn layered(
         style,
         heavy,
         on_tile,
-        |strip| inks.suns(strip, strip.own.clone(), shadows, source),
-        |strip, suns, index| {
+        |strip| (inks.suns(strip, strip.own.clone(), shadows, source), shade.as_ref().map(|_| Depths::new(strip))),
+        |strip, (suns, depths), index| {
             let tile = &strip.tiles[index];
             let lines = strip.lines(index, tile.rect, false);
             let mut surfaces = inks.surfaces(tile, &shader, samples, suns.get(index).map_or(&[], |sun| &sun[..]));
-            if let Some(shade) = &shade {
-                shade.darken(strip, index, &mut surfaces);
+            if let (Some(shade), Some(depths)) = (&shade, depths) {
+                shade.darken(strip, index, depths, &mut surfaces);
             }
             compose(tile, &lines, &surfaces, samples, &inks, contents, look.background)
         },
