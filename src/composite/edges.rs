@@ -19,14 +19,14 @@
 //!
 //! *Practice.* A surface that bends within a few pixels, as a scan's corner that its surfels round off, has a crease where
 //! its normal turns fastest, if over three pixels it turns by more than the threshold; a curved surface turns evenly and has
-//! none. Where nothing changes between two pixels, which is nearly everywhere, [`FacetRow::all_alike`] is all that runs. Each pair
+//! none. Where nothing changes between two pixels, which is nearly everywhere, [`FacetRow::all_go_on`] is all that runs. Each pair
 //! of pixels is looked at by the tile of its left or upper one alone.
 
 use fearless_simd::Level;
 use fearless_simd::prelude::*;
 use glam::Vec2;
 
-use super::facets::{Facet, FacetRow, FacetStrip, Limits};
+use super::facets::{Facet, FacetRow, FacetStrip, Fate, Limits};
 use crate::layers::NO_LEAF;
 use crate::scene::style::LineSettings;
 
@@ -73,16 +73,24 @@ pub(super) struct EdgePoints {
 pub(crate) const CURVED_SHARE: f32 = 0.5;
 /// A crease is at full strength from so many times the threshold on, so that lines fade in and do not flicker.
 pub(crate) const FULL_CREASE: f32 = 1.3;
-/// Below this share of the threshold, a single pair of pixels is no part of a rounded crease either.
-pub(crate) const SUSPICIOUS_SHARE: f32 = 0.2;
 /// A rounded crease turns by so much more between its middle pixels than between those beside them.
 pub(crate) const PEAK: f32 = 1.1;
+/// Below this share of the threshold, as chords, a single pair of pixels is no part of a rounded crease either: three pixels turn
+/// by at most what the middle two do and twice what a peak allows beside them. A hundredth less, for rounding.
+const SUSPICIOUS_SHARE: f32 = 0.99 / (1.0 + 2.0 / PEAK);
 /// Normals of front and back at a silhouette: nearly the same on a smooth body…
 pub(crate) const SMOOTH_COS: f32 = 0.7;
 /// …apart at a sharp edge.
 pub(crate) const SHARP_COS: f32 = 0.2;
 /// A line found so far outside of its pair of pixels, as a share of the way between them, is that of other planes.
 pub(crate) const SLACK: f32 = 0.35;
+
+/// The angle `crease_degrees` as a chord of the unit circle, and the least cosine of normals that are no part of a crease of it.
+pub(crate) fn crease_limits(crease_degrees: f32) -> (f32, f32) {
+    let crease = 2.0 * (0.5 * crease_degrees.to_radians()).sin();
+    let suspicious = SUSPICIOUS_SHARE * crease;
+    (crease, 1.0 - 0.5 * suspicious * suspicious)
+}
 
 /// Finds edges by one set of thresholds.
 pub(super) struct Detector<'a> {
@@ -98,7 +106,7 @@ pub(super) struct Detector<'a> {
 /// Buffers of a tile.
 #[derive(Default)]
 struct Scratch {
-    alike: Vec<u8>,
+    fates: Vec<Fate>,
     /// The facets of two pixels.
     pair: [Vec<Facet>; 2],
     /// By pixel of the tile.
@@ -143,10 +151,9 @@ struct Place {
 impl<'a> Detector<'a> {
     /// Over `strip`, by the thresholds of `settings`.
     pub fn new(strip: &'a FacetStrip, settings: &LineSettings, heavy: &'a [bool]) -> Self {
-        let crease = settings.crease_degrees.to_radians();
-        let least_cos = (SUSPICIOUS_SHARE * crease).cos();
+        let (crease, least_cos) = crease_limits(settings.crease_degrees);
         let limits = Limits { jump_px: settings.jump_px, curved_share: CURVED_SHARE, least_cos };
-        Self { level: Level::new(), strip, limits, crease: 2.0 * (0.5 * crease).sin(), heavy }
+        Self { level: Level::new(), strip, limits, crease, heavy }
     }
 
     /// The edge points of tile `index`.
@@ -217,9 +224,9 @@ impl<'a> Detector<'a> {
             }
             let (a, count) = (offsets[begin] as usize..offsets[x] as usize, count as usize);
             let next = a.start + count..a.end + count;
-            if !row.facets.all_alike(a.clone(), row.facets, next.clone(), 0, &self.limits) {
-                row.facets.alike(a.clone(), row.facets, next, 0, &self.limits, &mut scratch.alike);
-                self.slow_pairs(row, a.start, row.facets, (1, 0), scratch);
+            if !row.facets.all_go_on(a.clone(), row.facets, next.clone(), 0, &self.limits) {
+                row.facets.fates(a.clone(), row.facets, next.clone(), 0, &self.limits, &mut scratch.fates);
+                self.slow_pairs(row, row.facets, (a.start, next.start), (1, 0), scratch);
             }
             // The last of them and the next pixel, which may be another tile's.
             if x + 1 < across {
@@ -250,9 +257,9 @@ impl<'a> Detector<'a> {
             }
             let a = offsets[begin] as usize..offsets[x] as usize;
             let b = others[begin] as usize..others[x] as usize;
-            if !row.facets.all_alike(a.clone(), below, b.clone(), 1, &self.limits) {
-                row.facets.alike(a.clone(), below, b, 1, &self.limits, &mut scratch.alike);
-                self.slow_pairs(row, a.start, below, (0, 1), scratch);
+            if !row.facets.all_go_on(a.clone(), below, b.clone(), 1, &self.limits) {
+                row.facets.fates(a.clone(), below, b.clone(), 1, &self.limits, &mut scratch.fates);
+                self.slow_pairs(row, below, (a.start, b.start), (0, 1), scratch);
             }
             if x < across {
                 self.slow_pair(row, x, Other::OfRow(below, x), 1, scratch);
@@ -261,22 +268,35 @@ impl<'a> Detector<'a> {
         }
     }
 
-    /// Compares the pixels of which a facet, counted from number `first` of `row`, does not go on, with those `step` columns
-    /// further in the row `others`.
+    /// Compares the pixels of which a facet does not go on with those `step` columns further in the row `others`. Facets are counted
+    /// from the numbers `first` of the two rows.
     #[inline(never)]
     fn slow_pairs(
         &self,
         row: Row,
-        first: usize,
         others: &FacetRow,
+        first: (usize, usize),
         (step, axis): (usize, usize),
         scratch: &mut Scratch,
     ) {
         let mut from = 0;
-        while let Some(ahead) = scratch.alike[from..].iter().position(|alike| *alike == 0) {
-            let pixel = row.pixel_of(first + from + ahead);
-            self.slow_pair(row, pixel, Other::OfRow(others, pixel + step), axis, scratch);
-            from = row.facets.offsets[pixel + 1] as usize - first;
+        while let Some(ahead) = scratch.fates[from..].iter().position(|fate| *fate != Fate::GoesOn) {
+            let pixel = row.pixel_of(first.0 + from + ahead);
+            let of_pixel = [pixel, pixel + 1].map(|pixel| row.facets.offsets[pixel] as usize - first.0);
+            from = of_pixel[1];
+            if scratch.fates[of_pixel[0]..of_pixel[1]].contains(&Fate::Ends) {
+                self.slow_pair(row, pixel, Other::OfRow(others, pixel + step), axis, scratch);
+                continue;
+            }
+            // Each is matched with its like, so all there can be is creases.
+            let place = Place { x: row.x0 + pixel as u32, y: row.y, axis };
+            for (layer, i) in (of_pixel[0]..of_pixel[1]).enumerate().filter(|(_, i)| scratch.fates[*i] == Fate::Turns) {
+                let (a, b) = (row.facets.get(first.0 + i), others.get(first.1 + i));
+                if let Some(edge) = self.crease(&a, &b, place) {
+                    let point = EdgePoint { layer: layer as u16, until: layer as u16 + 1, ..edge };
+                    scratch.found.push((row.first + pixel as u32, point));
+                }
+            }
         }
     }
 
@@ -290,7 +310,7 @@ impl<'a> Detector<'a> {
         p.extend(of_pixel(row.facets, i).map(|k| row.facets.get(k)));
         match other {
             Other::OfRow(facets, i) => q.extend(of_pixel(facets, i).map(|k| facets.get(k))),
-            Other::OfPicture(x, y) => match self.strip.at(x, y) {
+            Other::OfPicture(x, y) => match self.strip.at(x, y, None) {
                 Some(facets) => q.extend(facets),
                 None => return,
             },
@@ -369,12 +389,15 @@ impl<'a> Detector<'a> {
     /// Where the surface of `p` folds into that of `q`.
     fn crease(&self, p: &Facet, q: &Facet, place: Place) -> Option<EdgePoint> {
         let mut turned = turn(p, q);
-        let before = self.neighbour(p, place, -1);
-        let after = self.neighbour(q, place, 2);
-        let turn_before = before.map_or(0.0, |before| turn(&before, p));
-        let turn_after = after.map_or(0.0, |after| turn(q, &after));
         // The fastest turn is the crease; of two alike, the first.
-        if !(turned >= turn_before && turned > turn_after) {
+        let before = self.neighbour(p, place, -1);
+        let turn_before = before.map_or(0.0, |before| turn(&before, p));
+        if !(turned >= turn_before) {
+            return None;
+        }
+        let after = self.neighbour(q, place, 2);
+        let turn_after = after.map_or(0.0, |after| turn(q, &after));
+        if !(turned > turn_after) {
             return None;
         }
         let mut ends = (*p, *q, 0.0, 1.0);
@@ -441,7 +464,7 @@ impl<'a> Detector<'a> {
     fn neighbour(&self, facet: &Facet, place: Place, offset: i32) -> Option<Facet> {
         let mut at = [place.x, place.y];
         at[place.axis] = at[place.axis].checked_add_signed(offset)?;
-        let mut candidates = self.strip.at(at[0], at[1])?;
+        let mut candidates = self.strip.at(at[0], at[1], Some(facet.facing))?;
         let goes_on = |c: &Facet| {
             if offset < 0 { self.goes_on(c, facet, place.axis) } else { self.goes_on(facet, c, place.axis) }
         };

@@ -139,42 +139,46 @@ impl FacetRow {
         }
     }
 
-    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long:
-    /// faces the same way, is at most a few pixels and a share of the step off the tangent planes, and has a normal that is not
-    /// far from its own, as `limits` say.
+    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long.
     #[inline(always)]
-    pub fn all_alike(&self, a: Range<usize>, others: &Self, b: Range<usize>, axis: usize, limits: &Limits) -> bool {
+    pub fn all_go_on(&self, a: Range<usize>, others: &Self, b: Range<usize>, axis: usize, limits: &Limits) -> bool {
         let mut differ = 0;
-        self.each_alike(a, others, b, axis, limits, |_, alike| differ |= u32::from(!alike));
+        self.compare(a, others, b, axis, limits, |_, goes_on, turns| differ |= u32::from(!goes_on | turns));
         differ == 0
     }
 
-    /// The same, answered for each in `alike`: 1 or 0.
+    /// The same, answered for each in `fates`.
     #[inline(always)]
-    pub fn alike(
+    pub fn fates(
         &self,
         a: Range<usize>,
         others: &Self,
         b: Range<usize>,
         axis: usize,
         limits: &Limits,
-        alike: &mut Vec<u8>,
+        fates: &mut Vec<Fate>,
     ) {
-        alike.clear();
-        alike.resize(a.len(), 0);
-        let answers = &mut alike[..a.len()];
-        self.each_alike(a, others, b, axis, limits, |i, alike| answers[i] = u8::from(alike));
+        fates.clear();
+        fates.resize(a.len(), Fate::GoesOn);
+        let fates = &mut fates[..a.len()];
+        self.compare(a, others, b, axis, limits, |i, goes_on, turns| {
+            fates[i] = match (goes_on, turns) {
+                (false, _) => Fate::Ends,
+                (true, true) => Fate::Turns,
+                (true, false) => Fate::GoesOn,
+            };
+        });
     }
 
     #[inline(always)]
-    fn each_alike(
+    fn compare(
         &self,
         a: Range<usize>,
         others: &Self,
         b: Range<usize>,
         axis: usize,
         limits: &Limits,
-        mut answer: impl FnMut(usize, bool),
+        mut answer: impl FnMut(usize, bool, bool),
     ) {
         let count = a.len();
         // Slices of one known length: the loop is a vector loop.
@@ -187,9 +191,20 @@ impl FacetRow {
         for i in 0..count {
             let goes_on = limits.goes_on((zb[i] - za[i]) * scale[i], sa[i], sb[i]);
             let cos = xa[i] * xb[i] + ya[i] * yb[i] + na[i] * nb[i];
-            answer(i, goes_on & (cos >= limits.least_cos) & (fa[i] == fb[i]));
+            answer(i, goes_on & (fa[i] == fb[i]), !(cos >= limits.least_cos));
         }
     }
+}
+
+/// What becomes of a surface between two pixels, as [`Limits`] say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fate {
+    /// It faces the same way and is near the tangent planes, and its normal is not far from what it was.
+    GoesOn,
+    /// The same, but its normal is.
+    Turns,
+    /// The other pixel has something else in its place.
+    Ends,
 }
 
 /// When a surface goes on.
@@ -251,14 +266,15 @@ impl<'a> FacetStrip<'a> {
         &self.tiles[index]
     }
 
-    /// The facets of a pixel, front to back; `None` outside of the strip.
-    pub fn at(&self, x: u32, y: u32) -> Option<impl Iterator<Item = Facet>> {
+    /// The facets of a pixel that face as `facing` says, front to back; `None` outside of the strip.
+    pub fn at(&self, x: u32, y: u32, facing: Option<Facing>) -> Option<impl Iterator<Item = Facet>> {
         if x >= self.width || y < self.y0 || y >= self.y1 {
             return None;
         }
         let index = ((y - self.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
-        let seen = self.tiles[index].at(x, y).iter().filter(|boundary| self.is_seen(boundary));
-        Some(seen.map(move |boundary| self.slopes.facet(boundary, x, y)))
+        let is_asked = move |b: &&Boundary| self.is_seen(b) && facing.is_none_or(|facing| facing == b.facing);
+        let asked = self.tiles[index].at(x, y).iter().filter(is_asked);
+        Some(asked.map(move |boundary| self.slopes.facet(boundary, x, y)))
     }
 
     #[inline(always)]
