@@ -118,19 +118,12 @@ struct Scratch {
 #[derive(Clone, Copy)]
 struct Row<'a> {
     facets: &'a FacetRow,
+    /// Of the tile.
+    across: usize,
     /// Number of its first pixel in the tile.
     first: u32,
     x0: u32,
     y: u32,
-}
-
-/// A pixel that one is compared with.
-#[derive(Clone, Copy)]
-enum Other<'a> {
-    /// Number so many of a row.
-    OfRow(&'a FacetRow, usize),
-    /// The column and row of the picture, which the strip may not have.
-    OfPicture(u32, u32),
 }
 
 impl Row<'_> {
@@ -188,19 +181,19 @@ impl<'a> Detector<'a> {
     /// The points of tile `index` with the numbers of their pixels, row by row.
     #[inline(always)]
     fn found(&self, index: usize) -> Vec<(u32, EdgePoint)> {
-        let tile = self.strip.tile(index);
-        let rect = tile.rect;
+        let rect = self.strip.tile(index).rect;
         let mut scratch = Scratch::default();
         let (mut upper, mut lower) = (FacetRow::default(), FacetRow::default());
-        upper.fill(self.strip, tile, 0);
+        upper.fill(self.strip, index, 0);
         for y in rect.y0..rect.y1 {
-            let row = Row { facets: &upper, first: (y - rect.y0) * rect.width(), x0: rect.x0, y };
+            let (first, across) = ((y - rect.y0) * rect.width(), rect.width() as usize);
+            let row = Row { facets: &upper, across, first, x0: rect.x0, y };
             self.beside(row, &mut scratch);
             if y + 1 < rect.y1 {
-                lower.fill(self.strip, tile, y + 1 - rect.y0);
+                lower.fill(self.strip, index, y + 1 - rect.y0);
             } else if y + 1 < self.strip.y1 {
                 // The tile below begins with its first row.
-                lower.fill(self.strip, self.strip.tile(index + self.strip.across), 0);
+                lower.fill(self.strip, index + self.strip.across, 0);
             } else {
                 break;
             }
@@ -210,16 +203,16 @@ impl<'a> Detector<'a> {
         scratch.found
     }
 
-    /// Compares the pixels of a row each with the next.
+    /// Compares the pixels of a row each with the next, the last one with the next tile's first.
     #[inline(always)]
     fn beside(&self, row: Row, scratch: &mut Scratch) {
         let offsets = &row.facets.offsets[..];
-        let across = offsets.len() - 1;
+        let pixels = offsets.len() - 1;
         let mut x = 0;
-        while x < across {
+        while x + 1 < pixels {
             // Pixels of as many facets each: those of one lie as far before those of the next.
             let (begin, count) = (x, offsets[x + 1] - offsets[x]);
-            while x + 1 < across && offsets[x + 2] - offsets[x + 1] == count {
+            while x + 1 < pixels && offsets[x + 2] - offsets[x + 1] == count {
                 x += 1;
             }
             let (a, count) = (offsets[begin] as usize..offsets[x] as usize, count as usize);
@@ -228,12 +221,8 @@ impl<'a> Detector<'a> {
                 row.facets.fates(a.clone(), row.facets, next.clone(), 0, &self.limits, &mut scratch.fates);
                 self.slow_pairs(row, row.facets, (a.start, next.start), (1, 0), scratch);
             }
-            // The last of them and the next pixel, which may be another tile's.
-            if x + 1 < across {
-                self.slow_pair(row, x, Other::OfRow(row.facets, x + 1), 0, scratch);
-            } else {
-                let next = row.x0 + across as u32;
-                self.slow_pair(row, x, Other::OfPicture(next, row.y), 0, scratch);
+            if x + 1 < pixels {
+                self.slow_pair(row, x, (row.facets, x + 1), 0, scratch);
             }
             x += 1;
         }
@@ -243,7 +232,7 @@ impl<'a> Detector<'a> {
     #[inline(always)]
     fn below(&self, row: Row, below: &FacetRow, scratch: &mut Scratch) {
         let (offsets, others) = (&row.facets.offsets[..], &below.offsets[..]);
-        let across = offsets.len() - 1;
+        let across = row.across;
         let is_one_run = offsets == others;
         let mut x = 0;
         while x < across {
@@ -262,7 +251,7 @@ impl<'a> Detector<'a> {
                 self.slow_pairs(row, below, (a.start, b.start), (0, 1), scratch);
             }
             if x < across {
-                self.slow_pair(row, x, Other::OfRow(below, x), 1, scratch);
+                self.slow_pair(row, x, (below, x), 1, scratch);
                 x += 1;
             }
         }
@@ -285,7 +274,7 @@ impl<'a> Detector<'a> {
             let of_pixel = [pixel, pixel + 1].map(|pixel| row.facets.offsets[pixel] as usize - first.0);
             from = of_pixel[1];
             if scratch.fates[of_pixel[0]..of_pixel[1]].contains(&Fate::Ends) {
-                self.slow_pair(row, pixel, Other::OfRow(others, pixel + step), axis, scratch);
+                self.slow_pair(row, pixel, (others, pixel + step), axis, scratch);
                 continue;
             }
             // Each is matched with its like, so all there can be is creases.
@@ -300,21 +289,15 @@ impl<'a> Detector<'a> {
         }
     }
 
-    /// Compares pixel `i` of `row` with one beside or below it.
+    /// Compares pixel `i` of `row` with pixel `j` of `others`, which is beside or below it.
     #[inline(never)]
-    fn slow_pair(&self, row: Row, i: usize, other: Other, axis: usize, scratch: &mut Scratch) {
+    fn slow_pair(&self, row: Row, i: usize, (others, j): (&FacetRow, usize), axis: usize, scratch: &mut Scratch) {
         let Scratch { pair: [p, q], points, found, .. } = scratch;
         let of_pixel = |facets: &FacetRow, i: usize| facets.offsets[i] as usize..facets.offsets[i + 1] as usize;
         p.clear();
         q.clear();
         p.extend(of_pixel(row.facets, i).map(|k| row.facets.get(k)));
-        match other {
-            Other::OfRow(facets, i) => q.extend(of_pixel(facets, i).map(|k| facets.get(k))),
-            Other::OfPicture(x, y) => match self.strip.at(x, y, None) {
-                Some(facets) => q.extend(facets),
-                None => return,
-            },
-        }
+        q.extend(of_pixel(others, j).map(|k| others.get(k)));
         points.clear();
         self.pair(p, q, Place { x: row.x0 + i as u32, y: row.y, axis }, points);
         found.extend(points.drain(..).map(|point| (row.first + i as u32, point)));
@@ -464,7 +447,7 @@ impl<'a> Detector<'a> {
     fn neighbour(&self, facet: &Facet, place: Place, offset: i32) -> Option<Facet> {
         let mut at = [place.x, place.y];
         at[place.axis] = at[place.axis].checked_add_signed(offset)?;
-        let mut candidates = self.strip.at(at[0], at[1], Some(facet.facing))?;
+        let mut candidates = self.strip.at(at[0], at[1], facet.facing)?;
         let goes_on = |c: &Facet| {
             if offset < 0 { self.goes_on(c, facet, place.axis) } else { self.goes_on(facet, c, place.axis) }
         };

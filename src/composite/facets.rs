@@ -39,8 +39,8 @@ impl Facet {
     }
 }
 
-/// The facets of a row of a tile's pixels, pixel by pixel and front to back, one sample's alone; an array for each of their values,
-/// so that many are compared at once. Its buffers are kept from row to row.
+/// The facets of a row of a tile's pixels and of the next tile's first, pixel by pixel and front to back, one sample's alone; an
+/// array for each of their values, so that many are compared at once. Its buffers are kept from row to row.
 #[derive(Debug, Default)]
 pub(super) struct FacetRow {
     /// By pixel and one more: where its facets begin.
@@ -71,53 +71,69 @@ impl FacetRow {
         }
     }
 
-    /// Becomes row number `row` of `tile`.
+    /// Becomes row number `row` of tile `index` of `strip`, with the first pixel of the tile beside it, if there is one.
     #[inline(always)]
-    pub fn fill(&mut self, strip: &FacetStrip, tile: &LayerTile, row: u32) {
+    pub fn fill(&mut self, strip: &FacetStrip, index: usize, row: u32) {
+        let tile = strip.tile(index);
+        let beside = (tile.rect.x1 < strip.width).then(|| strip.tile(index + 1));
         let across = tile.rect.width() as usize;
         let first = row as usize * across;
         let offsets = &tile.offsets[first..=first + across];
-        let mut seen = std::mem::take(&mut self.seen);
+        let beside = beside.map(|tile| tile.at(tile.rect.x0, tile.rect.y0 + row));
+        let own = &tile.boundaries[offsets[0] as usize..offsets[across] as usize];
         self.offsets.clear();
-        let boundaries = if strip.samples <= 1 {
+        if strip.samples <= 1 {
             self.offsets.extend(offsets.iter().map(|offset| offset - offsets[0]));
-            &tile.boundaries[offsets[0] as usize..offsets[across] as usize]
+            self.offsets.extend(beside.map(|beside| (own.len() + beside.len()) as u32));
+            self.gather(own, beside.unwrap_or_default());
         } else {
+            let mut seen = std::mem::take(&mut self.seen);
             seen.clear();
             self.offsets.push(0);
-            for of_pixel in offsets.windows(2) {
-                let of_pixel = &tile.boundaries[of_pixel[0] as usize..of_pixel[1] as usize];
+            let pixels = offsets.windows(2).map(|w| &tile.boundaries[w[0] as usize..w[1] as usize]);
+            for of_pixel in pixels.chain(beside) {
                 seen.extend(of_pixel.iter().filter(|boundary| strip.is_seen(boundary)));
                 self.offsets.push(seen.len() as u32);
             }
-            &seen[..]
-        };
-        self.gather(boundaries);
+            self.gather(&seen, &[]);
+            self.seen = seen;
+        }
         self.slope(&strip.slopes, tile.rect.x0, tile.rect.y0 + row);
-        self.seen = seen;
     }
 
-    /// Takes over what `boundaries` say.
+    /// Takes over what the boundaries `own` and `beside` say.
     #[inline(always)]
-    fn gather(&mut self, boundaries: &[Boundary]) {
-        let count = boundaries.len();
+    fn gather(&mut self, own: &[Boundary], beside: &[Boundary]) {
+        let count = own.len() + beside.len();
         self.columns.resize(count, 0);
         self.leaf.resize(count, 0);
         let arrays = [&mut self.depth, &mut self.px_per_unit, &mut self.facing];
         arrays.into_iter().chain(&mut self.step).chain(&mut self.normal).for_each(|array| array.resize(count, 0.0));
-        // Slices of one known length: no write asks where its array ends.
-        let (depth, facing, leaf) = (&mut self.depth[..count], &mut self.facing[..count], &mut self.leaf[..count]);
-        let (columns, [x, y, z]) = (&mut self.columns[..count], &mut self.normal);
-        let (x, y, z) = (&mut x[..count], &mut y[..count], &mut z[..count]);
-        for (column, of_pixel) in self.offsets.windows(2).enumerate() {
-            for i in of_pixel[0] as usize..of_pixel[1] as usize {
-                let boundary = &boundaries[i];
-                columns[i] = column as i32;
-                depth[i] = boundary.depth;
-                [x[i], y[i], z[i]] = boundary.normal.to_array();
-                facing[i] = f32::from(boundary.facing as i8);
-                leaf[i] = boundary.leaf;
+        self.take(0, own);
+        self.take(own.len(), beside);
+        let (columns, mut column) = (&mut self.columns[..count], 0);
+        for (i, of_facet) in columns.iter_mut().enumerate() {
+            while i >= self.offsets[column + 1] as usize {
+                column += 1;
             }
+            *of_facet = column as i32;
+        }
+    }
+
+    /// Takes over what `boundaries` say, from number `first` on.
+    #[inline(always)]
+    fn take(&mut self, first: usize, boundaries: &[Boundary]) {
+        // Slices of one known length: no write asks where its array ends.
+        let (count, all) = (boundaries.len(), first..first + boundaries.len());
+        let (depth, facing) = (&mut self.depth[all.clone()][..count], &mut self.facing[all.clone()][..count]);
+        let [x, y, z] = &mut self.normal;
+        let (x, y, z) = (&mut x[all.clone()][..count], &mut y[all.clone()][..count], &mut z[all.clone()][..count]);
+        let leaf = &mut self.leaf[all][..count];
+        for (i, boundary) in boundaries.iter().enumerate() {
+            depth[i] = boundary.depth;
+            [x[i], y[i], z[i]] = boundary.normal.to_array();
+            facing[i] = f32::from(boundary.facing as i8);
+            leaf[i] = boundary.leaf;
         }
     }
 
@@ -266,13 +282,13 @@ impl<'a> FacetStrip<'a> {
         &self.tiles[index]
     }
 
-    /// The facets of a pixel that face as `facing` says, front to back; `None` outside of the strip.
-    pub fn at(&self, x: u32, y: u32, facing: Option<Facing>) -> Option<impl Iterator<Item = Facet>> {
+    /// The facets of a pixel that face as `facing`, front to back; `None` outside of the strip.
+    pub fn at(&self, x: u32, y: u32, facing: Facing) -> Option<impl Iterator<Item = Facet>> {
         if x >= self.width || y < self.y0 || y >= self.y1 {
             return None;
         }
         let index = ((y - self.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
-        let is_asked = move |b: &&Boundary| self.is_seen(b) && facing.is_none_or(|facing| facing == b.facing);
+        let is_asked = move |b: &&Boundary| self.is_seen(b) && facing == b.facing;
         let asked = self.tiles[index].at(x, y).iter().filter(is_asked);
         Some(asked.map(move |boundary| self.slopes.facet(boundary, x, y)))
     }
