@@ -79,6 +79,8 @@ struct Scratch {
     judge: Judge,
     survivors: Survivors,
     entries: Vec<Entry>,
+    /// Boundaries of the tile before: those of the next are about as many.
+    expected: usize,
     /// By block: what has been found of its pixels.
     found: Vec<Eight>,
     /// By block and word: its pixels' memberships where the last look ended.
@@ -230,8 +232,10 @@ impl<'a> MeshFrame<'a> {
             stops: self.limit == LayerLimit::Nearest && self.model.look(*leaf).opacity >= 1.0,
         }));
         // Then any boundary is all that a pixel needs, and a block can be settled before everything is drawn.
-        let is_plain = scratch.looks.iter().all(|look| look.stops && !look.is_solid && !look.look.is_sheet);
-        let may_settle = is_plain && slots.iter().all(|leaf| self.begins_outside[leaf.0 as usize]);
+        let ends = scratch.looks.iter().all(|look| look.stops);
+        let is_plain = (ends || !scratch.looks.iter().any(|look| look.stops))
+            && scratch.looks.iter().all(|look| !look.is_solid && !look.look.is_sheet);
+        let may_settle = is_plain && ends && slots.iter().all(|leaf| self.begins_outside[leaf.0 as usize]);
         if may_settle {
             let blocks = (BLOCKS_ACROSS * BLOCKS_DOWN) as usize;
             scratch.found.resize(blocks, Eight::default());
@@ -313,8 +317,11 @@ impl<'a> MeshFrame<'a> {
                 wants_bodies,
             };
             let area = if self.is_opaque { 0 } else { wanted.area() };
-            let mut tile =
-                LayerTile { rect: wanted, offsets: Vec::with_capacity(area + 1), boundaries: Vec::with_capacity(area) };
+            let mut tile = LayerTile {
+                rect: wanted,
+                offsets: Vec::with_capacity(area + 1),
+                boundaries: Vec::with_capacity(area.max(scratch.expected)),
+            };
             tile.offsets.push(0);
             if let Target::Opaque(tile) = target {
                 tile.covered.fill(0);
@@ -375,6 +382,7 @@ impl<'a> MeshFrame<'a> {
                             wanted: wanted_here & !done,
                             has_sheets,
                             is_plain,
+                            ends,
                             is_partial: may_settle,
                             floor: ABSENT,
                             ceiling: settling.ceiling(),
@@ -400,6 +408,7 @@ impl<'a> MeshFrame<'a> {
                 }
                 chooser.out.clear_rows();
             }
+            scratch.expected = tile.boundaries.len();
             passes.push(tile);
         }
         if let Target::Layers(parts) = target {

@@ -57,7 +57,8 @@ pub(super) trait Sink {
     /// A boundary where one fragment alone toggles. Returns whether the pixel needs nothing behind this.
     fn take_one(&mut self, lane: usize, survivor: Survivor) -> bool;
 
-    /// As [`take_one`](Self::take_one) for several pixels of a [`Block::is_plain`] block, which then need nothing more.
+    /// As [`take_one`](Self::take_one) for several pixels of a [`Block::is_plain`] block, which then need nothing more if
+    /// its [`ends`](Block::ends) says so.
     fn take_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>);
 
     /// Whether bodies are asked for.
@@ -106,8 +107,11 @@ pub(super) struct Block<'a> {
     pub wanted: u8,
     /// Whether any slot is a sheet.
     pub has_sheets: bool,
-    /// Whether any boundary is all that its pixel needs, wherever it is and whosesoever.
+    /// Whether all boundaries are alike, wherever they are and whosesoever: they show, and all or none are all that their pixels
+    /// need.
     pub is_plain: bool,
+    /// Whether any boundary is all that its pixel needs, if [plain](Self::is_plain).
+    pub ends: bool,
     /// Whether every ray begins outside of every slot, so that no parity is needed, and fragments may be missing.
     pub is_partial: bool,
     /// Only fragments with greater keys are peeled.
@@ -227,10 +231,17 @@ impl Block<'_> {
         let mut first = 0;
         let is_ordered = lanes.keys.len() > UNORDERED_LAYERS;
         loop {
+            while first < lanes.keys.len() {
+                let keys = lanes.keys[first];
+                let ahead = keys.simd_lt(last) & keys.simd_gt(absent);
+                if ahead.to_bitmask() as u32 & alive != 0 {
+                    break;
+                }
+                first += 1;
+            }
             let mut next = absent;
             let mut end = lanes.keys.len();
-            let begin = first;
-            for i in begin..lanes.keys.len() {
+            for i in first..lanes.keys.len() {
                 // No fragment of this layer, nor of those after it, is as near as what every pixel has found.
                 if is_ordered && next.simd_gt(scratch.layers[i].nearest).to_bitmask() as u32 & alive == alive {
                     end = i;
@@ -238,9 +249,6 @@ impl Block<'_> {
                 }
                 let keys = lanes.keys[i];
                 let ahead = keys.simd_lt(last);
-                if i == first && ahead.to_bitmask() as u32 & alive == 0 {
-                    first += 1;
-                }
                 next = next.max(ahead.select(keys, absent));
             }
             // Pixels without more toggle no more: what the state becomes is theirs at the floor.
@@ -273,7 +281,9 @@ impl Block<'_> {
                     let lanes_of = changed & !several;
                     let found = self.found(simd, lanes_of, next, &before, &state, is, first..end, lanes, scratch, sink);
                     sink.take_lanes(simd, mask32x8::from_bitmask(simd, u64::from(lanes_of)), &found);
-                    alive &= !lanes_of;
+                    if self.ends {
+                        alive &= !lanes_of;
+                    }
                     rest &= !lanes_of;
                 }
                 while rest != 0 {
@@ -351,15 +361,23 @@ impl Block<'_> {
         let mut against = if sink.wants_bodies() { !(goes_with_result.to_bitmask() as u32) & wanted } else { 0 };
         let mut bodies = owners;
         if against != 0 {
-            let (entered, owner): ([u32; LANES], [u32; LANES]) = (is_front.into(), owners.into());
-            let mut found = owner;
-            while against != 0 {
-                let lane = against.trailing_zeros() as usize;
-                against &= against - 1;
-                let inside = self.of_lane(lane, if entered[lane] != 0 { after } else { before });
-                found[lane] = sink.body(self.shrunk, &inside[..self.shrunk.words()]).unwrap_or(owner[lane]);
+            let entered = is_front.simd_ne(0);
+            let mut states = [none; WORDS];
+            for (word, state) in states.iter_mut().enumerate() {
+                *state = entered.select(after[word], before[word]);
             }
-            bodies = u32x8::from_slice(simd, &found);
+            while against != 0 {
+                // Pixels in the same state have the same body; mostly all of them are.
+                let state = self.of_lane(against.trailing_zeros() as usize, &states);
+                let mut alike = mask32x8::from_bitmask(simd, u64::from(against));
+                for (word, states) in state.iter().zip(&states) {
+                    alike &= states.simd_eq(*word);
+                }
+                if let Some(body) = sink.body(self.shrunk, &state[..self.shrunk.words()]) {
+                    bodies = alike.select(u32x8::splat(simd, body), bodies);
+                }
+                against &= !(alike.to_bitmask() as u32);
+            }
         }
         FoundLanes { keys: next, what, owners, bodies, is_front }
     }

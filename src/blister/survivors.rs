@@ -56,73 +56,39 @@ fn packed(body: u32, is_front: bool) -> u32 {
 }
 
 /// The survivors of a block, and of the rows that its pixels lie in.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Survivors {
-    /// Each pixel's first.
-    first: Eight,
-    /// Which pixels have one.
-    has: u8,
-    /// The others, front to back for each pixel.
-    more: Vec<(usize, Survivor)>,
+    /// Each pixel's first, then each pixel's second, and so on; at least one.
+    levels: Vec<Eight>,
+    /// How many each pixel has.
+    counts: [u32; LANES],
     pub rows: [Row; LANES / BLOCK_WIDTH as usize],
+}
+
+impl Default for Survivors {
+    fn default() -> Self {
+        Self { levels: vec![Eight::default()], counts: [0; LANES], rows: Default::default() }
+    }
 }
 
 /// A row of pixels: in their order, front to back for each.
 #[derive(Debug, Default)]
 pub(super) struct Row {
-    keys: Vec<f32>,
-    what: Vec<u32>,
-    owners: Vec<u32>,
-    bodies: Vec<u32>,
-    /// Of the pixel, from the row's first.
-    columns: Vec<u32>,
+    /// Each with the column of its pixel, from the row's first.
+    pub survivors: Vec<(u32, Survivor)>,
     /// By pixel: how many are its.
     pub counts: Vec<u32>,
 }
 
 impl Row {
-    /// Its survivors.
-    pub fn len(&self) -> usize {
-        self.keys.len()
-    }
-
-    /// A survivor and the column of its pixel.
+    /// Appends the pixels `lanes` of a block, which have as many survivors as `counts` says.
     #[inline(always)]
-    pub fn survivor(&self, number: usize) -> (u32, Survivor) {
-        let body = self.bodies[number];
-        let survivor = Survivor {
-            key: self.keys[number],
-            what: self.what[number],
-            owner: self.owners[number],
-            body: body & (u32::MAX >> 1),
-            is_front: body >> 31 == 1,
-        };
-        (self.columns[number], survivor)
-    }
-
-    /// Appends one survivor of the pixel that is counted next.
-    fn push(&mut self, survivor: &Survivor) {
-        self.columns.push(self.counts.len() as u32);
-        self.keys.push(survivor.key);
-        self.what.push(survivor.what);
-        self.owners.push(survivor.owner);
-        self.bodies.push(packed(survivor.body, survivor.is_front));
-    }
-
-    /// Appends a row of a block, of which every pixel has one survivor.
-    #[inline(always)]
-    fn extend(&mut self, from: &Eight, row: usize) {
-        // Arrays, whose length the compiler knows: four words are one store.
-        fn half<T: Copy>(of: &[T; LANES], row: usize) -> [T; HALF] {
-            std::array::from_fn(|i| of[row * HALF + i])
+    fn extend(&mut self, levels: &[Eight], counts: &[u32; LANES], lanes: impl Iterator<Item = usize>) {
+        for lane in lanes {
+            let (column, count) = (self.counts.len() as u32, counts[lane]);
+            self.survivors.extend(levels[..count as usize].iter().map(|level| (column, level.get(lane))));
+            self.counts.push(count);
         }
-        let first = self.counts.len() as u32;
-        self.columns.extend_from_slice(&[first, first + 1, first + 2, first + 3]);
-        self.keys.extend_from_slice(&half(&from.keys, row));
-        self.what.extend_from_slice(&half(&from.what, row));
-        self.owners.extend_from_slice(&half(&from.owners, row));
-        self.bodies.extend_from_slice(&half(&from.bodies, row));
-        self.counts.extend_from_slice(&[1; HALF]);
     }
 }
 
@@ -154,6 +120,23 @@ impl Eight {
             is_front: body >> 31 == 1,
         }
     }
+
+    #[inline(always)]
+    fn set(&mut self, lane: usize, survivor: &Survivor) {
+        self.keys[lane] = survivor.key;
+        self.what[lane] = survivor.what;
+        self.owners[lane] = survivor.owner;
+        self.bodies[lane] = packed(survivor.body, survivor.is_front);
+    }
+
+    #[inline(always)]
+    fn set_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>) {
+        self.keys = lanes.select(found.keys, f32x8::from_slice(simd, &self.keys)).into();
+        self.what = lanes.select(found.what, u32x8::from_slice(simd, &self.what)).into();
+        self.owners = lanes.select(found.owners, u32x8::from_slice(simd, &self.owners)).into();
+        let bodies = found.bodies | (found.is_front & (1 << 31));
+        self.bodies = lanes.select(bodies, u32x8::from_slice(simd, &self.bodies)).into();
+    }
 }
 
 impl Survivors {
@@ -161,64 +144,65 @@ impl Survivors {
     #[inline(always)]
     pub fn end_block(&mut self, wanted: u8) {
         for (number, row) in self.rows.iter_mut().enumerate() {
-            let here = ((1_u8 << HALF) - 1) << (number * HALF);
-            if self.has & wanted & here == here && self.more.is_empty() {
-                row.extend(&self.first, number);
-                continue;
-            }
-            for lane in (number * HALF..(number + 1) * HALF).filter(|lane| wanted >> lane & 1 == 1) {
-                let before = row.keys.len();
-                if self.has >> lane & 1 == 1 {
-                    row.push(&self.first.get(lane));
-                    self.more.iter().filter(|(of, _)| *of == lane).for_each(|(_, more)| row.push(more));
-                }
-                row.counts.push((row.keys.len() - before) as u32);
+            let lanes = number * HALF..(number + 1) * HALF;
+            if wanted == u8::MAX {
+                row.extend(&self.levels, &self.counts, lanes);
+            } else {
+                row.extend(&self.levels, &self.counts, lanes.filter(|lane| wanted >> lane & 1 == 1));
             }
         }
-        self.forget_block();
+        self.counts = [0; LANES];
     }
 
     /// Drops what was found of a block; returns each pixel's first survivor, and which pixels have one.
     pub fn take_block(&mut self) -> (Eight, u8) {
-        let has = self.has;
-        self.forget_block();
-        (self.first, has)
+        let has = |has, lane: usize| has | u8::from(self.counts[lane] > 0) << lane;
+        let has = (0..LANES).fold(0, has);
+        self.counts = [0; LANES];
+        (self.levels[0], has)
     }
 
     /// Puts back what [`take_block`](Self::take_block) returned.
     pub fn put_block(&mut self, first: &Eight, has: u8) {
-        self.first = *first;
-        self.has = has;
-    }
-
-    fn forget_block(&mut self) {
-        self.has = 0;
-        self.more.clear();
+        self.levels[0] = *first;
+        self.counts = std::array::from_fn(|lane| u32::from(has >> lane & 1));
     }
 
     /// Ends a row of blocks.
     pub fn clear_rows(&mut self) {
         for row in &mut self.rows {
-            row.keys.clear();
-            row.what.clear();
-            row.owners.clear();
-            row.bodies.clear();
-            row.columns.clear();
+            row.survivors.clear();
             row.counts.clear();
         }
     }
 
     #[inline(always)]
     fn put(&mut self, lane: usize, survivor: Survivor) {
-        if self.has >> lane & 1 == 0 {
-            self.has |= 1 << lane;
-            self.first.keys[lane] = survivor.key;
-            self.first.what[lane] = survivor.what;
-            self.first.owners[lane] = survivor.owner;
-            self.first.bodies[lane] = packed(survivor.body, survivor.is_front);
-        } else {
-            self.more.push((lane, survivor));
+        self.level(self.counts[lane]).set(lane, &survivor);
+        self.counts[lane] += 1;
+    }
+
+    #[inline(always)]
+    fn put_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>) {
+        let counts = u32x8::from_slice(simd, &self.counts);
+        let mut rest = lanes.to_bitmask() as u32;
+        // Mostly all of them have as many.
+        while rest != 0 {
+            let count = self.counts[rest.trailing_zeros() as usize];
+            let alike = lanes & counts.simd_eq(count);
+            self.level(count).set_lanes(simd, alike, found);
+            rest &= !(alike.to_bitmask() as u32);
         }
+        self.counts = (counts + lanes.select(u32x8::splat(simd, 1), u32x8::splat(simd, 0))).into();
+    }
+
+    /// Where survivors go that have `count` before them.
+    #[inline(always)]
+    fn level(&mut self, count: u32) -> &mut Eight {
+        if self.levels.len() <= count as usize {
+            self.levels.resize(count as usize + 1, Eight::default());
+        }
+        &mut self.levels[count as usize]
     }
 }
 
@@ -246,13 +230,7 @@ impl Sink for Chooser<'_> {
 
     #[inline(always)]
     fn take_lanes<S: Simd>(&mut self, simd: S, lanes: mask32x8<S>, found: &FoundLanes<S>) {
-        let first = &mut self.out.first;
-        self.out.has |= lanes.to_bitmask() as u8;
-        first.keys = lanes.select(found.keys, f32x8::from_slice(simd, &first.keys)).into();
-        first.what = lanes.select(found.what, u32x8::from_slice(simd, &first.what)).into();
-        first.owners = lanes.select(found.owners, u32x8::from_slice(simd, &first.owners)).into();
-        let bodies = found.bodies | (found.is_front & (1 << 31));
-        first.bodies = lanes.select(bodies, u32x8::from_slice(simd, &first.bodies)).into();
+        self.out.put_lanes(simd, lanes, found);
     }
 
     fn wants_bodies(&self) -> bool {

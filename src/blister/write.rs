@@ -33,10 +33,11 @@ impl Writer<'_> {
             end += count;
             end
         }));
-        tile.boundaries.extend((0..row.len()).map(|number| {
-            let (column, survivor) = row.survivor(number);
-            self.boundary(&survivor, first + step * column as f32, x0 + column, y)
-        }));
+        tile.boundaries.extend(
+            row.survivors
+                .iter()
+                .map(|(column, survivor)| self.boundary(survivor, first + step * *column as f32, x0 + column, y)),
+        );
     }
 
     #[inline(always)]

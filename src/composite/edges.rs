@@ -19,14 +19,14 @@
 //!
 //! *Practice.* A surface that bends within a few pixels, as a scan's corner that its surfels round off, has a crease where
 //! its normal turns fastest, if over three pixels it turns by more than the threshold; a curved surface turns evenly and has
-//! none. Where nothing changes between two pixels, which is nearly everywhere, [`Facets::alike`] is all that runs. Each pair of
-//! pixels is looked at by the tile of its left or upper one alone.
+//! none. Where nothing changes between two pixels, which is nearly everywhere, [`FacetRow::all_go_on`] is all that runs. Each pair
+//! of pixels is looked at by the tile of its left or upper one alone.
 
-use std::ops::Range;
-
+use fearless_simd::Level;
+use fearless_simd::prelude::*;
 use glam::Vec2;
 
-use super::facets::{Facet, FacetStrip, Facets, Limits};
+use super::facets::{Facet, FacetRow, FacetStrip, Fate, Limits};
 use crate::layers::NO_LEAF;
 use crate::scene::style::LineSettings;
 
@@ -73,10 +73,11 @@ pub(super) struct EdgePoints {
 pub(crate) const CURVED_SHARE: f32 = 0.5;
 /// A crease is at full strength from so many times the threshold on, so that lines fade in and do not flicker.
 pub(crate) const FULL_CREASE: f32 = 1.3;
-/// Below this share of the threshold, a single pair of pixels is no part of a rounded crease either.
-pub(crate) const SUSPICIOUS_SHARE: f32 = 0.2;
 /// A rounded crease turns by so much more between its middle pixels than between those beside them.
 pub(crate) const PEAK: f32 = 1.1;
+/// Below this share of the threshold, as chords, a single pair of pixels is no part of a rounded crease either: three pixels turn
+/// by at most what the middle two do and twice what a peak allows beside them. A hundredth less, for rounding.
+const SUSPICIOUS_SHARE: f32 = 0.99 / (1.0 + 2.0 / PEAK);
 /// Normals of front and back at a silhouette: nearly the same on a smooth body…
 pub(crate) const SMOOTH_COS: f32 = 0.7;
 /// …apart at a sharp edge.
@@ -84,9 +85,17 @@ pub(crate) const SHARP_COS: f32 = 0.2;
 /// A line found so far outside of its pair of pixels, as a share of the way between them, is that of other planes.
 pub(crate) const SLACK: f32 = 0.35;
 
+/// The angle `crease_degrees` as a chord of the unit circle, and the least cosine of normals that are no part of a crease of it.
+pub(crate) fn crease_limits(crease_degrees: f32) -> (f32, f32) {
+    let crease = 2.0 * (0.5 * crease_degrees.to_radians()).sin();
+    let suspicious = SUSPICIOUS_SHARE * crease;
+    (crease, 1.0 - 0.5 * suspicious * suspicious)
+}
+
 /// Finds edges by one set of thresholds.
 pub(super) struct Detector<'a> {
-    strip: &'a FacetStrip,
+    level: Level,
+    strip: &'a FacetStrip<'a>,
     limits: Limits,
     /// As a chord of the unit circle.
     crease: f32,
@@ -97,7 +106,7 @@ pub(super) struct Detector<'a> {
 /// Buffers of a tile.
 #[derive(Default)]
 struct Scratch {
-    alike: Vec<u8>,
+    fates: Vec<Fate>,
     /// The facets of two pixels.
     pair: [Vec<Facet>; 2],
     /// By pixel of the tile.
@@ -108,13 +117,20 @@ struct Scratch {
 /// A row of a tile's pixels.
 #[derive(Clone, Copy)]
 struct Row<'a> {
-    tile: &'a Facets,
-    /// Of its pixels' facets, and one more.
-    offsets: &'a [u32],
+    facets: &'a FacetRow,
+    /// Of the tile.
+    across: usize,
     /// Number of its first pixel in the tile.
     first: u32,
     x0: u32,
     y: u32,
+}
+
+impl Row<'_> {
+    /// The pixel that facet number `i` is of.
+    fn pixel_of(&self, i: usize) -> usize {
+        self.facets.columns[i] as usize
+    }
 }
 
 /// Two pixels side by side (`axis` 0) or one above the other (1).
@@ -128,115 +144,160 @@ struct Place {
 impl<'a> Detector<'a> {
     /// Over `strip`, by the thresholds of `settings`.
     pub fn new(strip: &'a FacetStrip, settings: &LineSettings, heavy: &'a [bool]) -> Self {
-        let crease = settings.crease_degrees.to_radians();
-        let least_cos = (SUSPICIOUS_SHARE * crease).cos();
+        let (crease, least_cos) = crease_limits(settings.crease_degrees);
         let limits = Limits { jump_px: settings.jump_px, curved_share: CURVED_SHARE, least_cos };
-        Self { strip, limits, crease: 2.0 * (0.5 * crease).sin(), heavy }
+        Self { level: Level::new(), strip, limits, crease, heavy }
     }
 
     /// The edge points of tile `index`.
     pub fn tile(&self, index: usize) -> EdgePoints {
-        let (rect, tile) = (self.strip.rect(index), self.strip.tile(index));
-        let mut scratch = Scratch::default();
-        let across = rect.width() as usize;
-        for y in rect.y0..rect.y1 {
-            let first = (y - rect.y0) as usize * across;
-            let row = Row { tile, offsets: &tile.offsets[first..=first + across], first: first as u32, x0: rect.x0, y };
-            self.beside(row, &mut scratch);
-            let below = if y + 1 < rect.y1 {
-                Some((tile, first + across))
-            } else {
-                // The tile below begins with its first row.
-                (y + 1 < self.strip.y1).then(|| (self.strip.tile(index + self.strip.across), 0))
-            };
-            if let Some((tile, first)) = below {
-                self.below(row, tile, &tile.offsets[first..=first + across], &mut scratch);
-            }
+        let rect = self.strip.tile(index).rect;
+        let beside = if rect.x1 < self.strip.width { index + 1 } else { index };
+        let below = if rect.y1 < self.strip.y1 { index + self.strip.across } else { index };
+        if [index, beside, below].iter().all(|&near| self.strip.tile(near).boundaries.is_empty()) {
+            return EdgePoints::default();
         }
-        let mut found = scratch.found;
+        let found =
+            fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.found(index)));
         if found.is_empty() {
             return EdgePoints::default();
         }
-        found.sort_by_key(|(pixel, _)| *pixel);
+        // Sorted by counting; a pixel's points stay in their order.
         let mut offsets = vec![0; rect.area() + 1];
         found.iter().for_each(|(pixel, _)| offsets[*pixel as usize + 1] += 1);
         for i in 1..offsets.len() {
             offsets[i] += offsets[i - 1];
         }
-        EdgePoints { points: found.into_iter().map(|(_, point)| point).collect(), offsets }
+        let mut next = offsets.clone();
+        let mut points = vec![found[0].1; found.len()];
+        for (pixel, point) in &found {
+            let place = &mut next[*pixel as usize];
+            points[*place as usize] = *point;
+            *place += 1;
+        }
+        EdgePoints { points, offsets }
     }
 
-    /// Compares the pixels of a row each with the next.
+    /// The points of tile `index` with the numbers of their pixels, row by row.
+    #[inline(always)]
+    fn found(&self, index: usize) -> Vec<(u32, EdgePoint)> {
+        let rect = self.strip.tile(index).rect;
+        let mut scratch = Scratch::default();
+        let (mut upper, mut lower) = (FacetRow::default(), FacetRow::default());
+        upper.fill(self.strip, index, 0);
+        for y in rect.y0..rect.y1 {
+            let (first, across) = ((y - rect.y0) * rect.width(), rect.width() as usize);
+            let row = Row { facets: &upper, across, first, x0: rect.x0, y };
+            self.beside(row, &mut scratch);
+            if y + 1 < rect.y1 {
+                lower.fill(self.strip, index, y + 1 - rect.y0);
+            } else if y + 1 < self.strip.y1 {
+                // The tile below begins with its first row.
+                lower.fill(self.strip, index + self.strip.across, 0);
+            } else {
+                break;
+            }
+            self.below(row, &lower, &mut scratch);
+            std::mem::swap(&mut upper, &mut lower);
+        }
+        scratch.found
+    }
+
+    /// Compares the pixels of a row each with the next, the last one with the next tile's first.
+    #[inline(always)]
     fn beside(&self, row: Row, scratch: &mut Scratch) {
-        let count = |i: usize| row.offsets[i + 1] - row.offsets[i];
-        let across = row.offsets.len() - 1;
+        let offsets = &row.facets.offsets[..];
+        let pixels = offsets.len() - 1;
         let mut x = 0;
-        while x < across {
+        while x + 1 < pixels {
             // Pixels of as many facets each: those of one lie as far before those of the next.
-            let (begin, facets) = (x, count(x));
-            while x + 1 < across && count(x + 1) == facets {
+            let (begin, count) = (x, offsets[x + 1] - offsets[x]);
+            while x + 1 < pixels && offsets[x + 2] - offsets[x + 1] == count {
                 x += 1;
             }
-            let (a, b) = (row.offsets[begin] as usize..row.offsets[x] as usize, facets as usize);
-            let next = a.start + b..a.end + b;
-            if !row.tile.alike(a, row.tile, next, 0, &self.limits, &mut scratch.alike) {
-                for i in begin..x {
-                    let of_pixel = (i - begin) * b..(i - begin + 1) * b;
-                    if scratch.alike[of_pixel].contains(&0) {
-                        self.slow_pair(
-                            row,
-                            i,
-                            (row.tile, row.offsets[i + 1] as usize..row.offsets[i + 2] as usize),
-                            0,
-                            scratch,
-                        );
-                    }
-                }
+            let (a, count) = (offsets[begin] as usize..offsets[x] as usize, count as usize);
+            let next = a.start + count..a.end + count;
+            if !row.facets.all_go_on(a.clone(), row.facets, next.clone(), 0, &self.limits) {
+                row.facets.fates(a.clone(), row.facets, next.clone(), 0, &self.limits, &mut scratch.fates);
+                self.slow_pairs(row, row.facets, (a.start, next.start), (1, 0), scratch);
             }
-            // The last of them and the next pixel, which may be another tile's.
-            if let Some(other) = self.strip.at(row.x0 + x as u32 + 1, row.y) {
-                self.slow_pair(row, x, other, 0, scratch);
+            if x + 1 < pixels {
+                self.slow_pair(row, x, (row.facets, x + 1), 0, scratch);
             }
             x += 1;
         }
     }
 
-    /// Compares the pixels of a row with those of the row below, whose facets have `offsets` in `below`.
-    fn below(&self, row: Row, below: &Facets, offsets: &[u32], scratch: &mut Scratch) {
-        let counts = |i: usize| (row.offsets[i + 1] - row.offsets[i], offsets[i + 1] - offsets[i]);
-        let across = row.offsets.len() - 1;
+    /// Compares the pixels of a row with those of the row below.
+    #[inline(always)]
+    fn below(&self, row: Row, below: &FacetRow, scratch: &mut Scratch) {
+        let (offsets, others) = (&row.facets.offsets[..], &below.offsets[..]);
+        let across = row.across;
+        let is_one_run = offsets == others;
         let mut x = 0;
         while x < across {
             // Pixels of as many facets as the one below: facets lie side by side in both rows.
             let begin = x;
-            while x < across && counts(x).0 == counts(x).1 {
+            if is_one_run {
+                x = across;
+            }
+            while x < across && offsets[x + 1] - offsets[x] == others[x + 1] - others[x] {
                 x += 1;
             }
-            let (a, b) = (row.offsets[begin]..row.offsets[x], offsets[begin]..offsets[x]);
-            let (a, b) = (a.start as usize..a.end as usize, b.start as usize..b.end as usize);
-            let start = a.start;
-            if !row.tile.alike(a, below, b, 1, &self.limits, &mut scratch.alike) {
-                for i in begin..x {
-                    let of_pixel = row.offsets[i] as usize - start..row.offsets[i + 1] as usize - start;
-                    if scratch.alike[of_pixel].contains(&0) {
-                        self.slow_pair(row, i, (below, offsets[i] as usize..offsets[i + 1] as usize), 1, scratch);
-                    }
-                }
+            let a = offsets[begin] as usize..offsets[x] as usize;
+            let b = others[begin] as usize..others[x] as usize;
+            if !row.facets.all_go_on(a.clone(), below, b.clone(), 1, &self.limits) {
+                row.facets.fates(a.clone(), below, b.clone(), 1, &self.limits, &mut scratch.fates);
+                self.slow_pairs(row, below, (a.start, b.start), (0, 1), scratch);
             }
             if x < across {
-                self.slow_pair(row, x, (below, offsets[x] as usize..offsets[x + 1] as usize), 1, scratch);
+                self.slow_pair(row, x, (below, x), 1, scratch);
                 x += 1;
             }
         }
     }
 
-    /// Compares pixel `i` of `row` with one beside or below it.
-    fn slow_pair(&self, row: Row, i: usize, other: (&Facets, Range<usize>), axis: usize, scratch: &mut Scratch) {
+    /// Compares the pixels of which a facet does not go on with those `step` columns further in the row `others`. Facets are counted
+    /// from the numbers `first` of the two rows.
+    #[inline(never)]
+    fn slow_pairs(
+        &self,
+        row: Row,
+        others: &FacetRow,
+        first: (usize, usize),
+        (step, axis): (usize, usize),
+        scratch: &mut Scratch,
+    ) {
+        let mut from = 0;
+        while let Some(ahead) = scratch.fates[from..].iter().position(|fate| *fate != Fate::GoesOn) {
+            let pixel = row.pixel_of(first.0 + from + ahead);
+            let of_pixel = [pixel, pixel + 1].map(|pixel| row.facets.offsets[pixel] as usize - first.0);
+            from = of_pixel[1];
+            if scratch.fates[of_pixel[0]..of_pixel[1]].contains(&Fate::Ends) {
+                self.slow_pair(row, pixel, (others, pixel + step), axis, scratch);
+                continue;
+            }
+            // Each is matched with its like, so all there can be is creases.
+            let place = Place { x: row.x0 + pixel as u32, y: row.y, axis };
+            for (layer, i) in (of_pixel[0]..of_pixel[1]).enumerate().filter(|(_, i)| scratch.fates[*i] == Fate::Turns) {
+                let (a, b) = (row.facets.get(first.0 + i), others.get(first.1 + i));
+                if let Some(edge) = self.crease(&a, &b, place) {
+                    let point = EdgePoint { layer: layer as u16, until: layer as u16 + 1, ..edge };
+                    scratch.found.push((row.first + pixel as u32, point));
+                }
+            }
+        }
+    }
+
+    /// Compares pixel `i` of `row` with pixel `j` of `others`, which is beside or below it.
+    #[inline(never)]
+    fn slow_pair(&self, row: Row, i: usize, (others, j): (&FacetRow, usize), axis: usize, scratch: &mut Scratch) {
         let Scratch { pair: [p, q], points, found, .. } = scratch;
+        let of_pixel = |facets: &FacetRow, i: usize| facets.offsets[i] as usize..facets.offsets[i + 1] as usize;
         p.clear();
         q.clear();
-        p.extend((row.offsets[i] as usize..row.offsets[i + 1] as usize).map(|k| row.tile.get(k)));
-        q.extend(other.1.map(|k| other.0.get(k)));
+        p.extend(of_pixel(row.facets, i).map(|k| row.facets.get(k)));
+        q.extend(of_pixel(others, j).map(|k| others.get(k)));
         points.clear();
         self.pair(p, q, Place { x: row.x0 + i as u32, y: row.y, axis }, points);
         found.extend(points.drain(..).map(|point| (row.first + i as u32, point)));
@@ -311,12 +372,15 @@ impl<'a> Detector<'a> {
     /// Where the surface of `p` folds into that of `q`.
     fn crease(&self, p: &Facet, q: &Facet, place: Place) -> Option<EdgePoint> {
         let mut turned = turn(p, q);
-        let before = self.neighbour(p, place, -1);
-        let after = self.neighbour(q, place, 2);
-        let turn_before = before.map_or(0.0, |before| turn(&before, p));
-        let turn_after = after.map_or(0.0, |after| turn(q, &after));
         // The fastest turn is the crease; of two alike, the first.
-        if !(turned >= turn_before && turned > turn_after) {
+        let before = self.neighbour(p, place, -1);
+        let turn_before = before.map_or(0.0, |before| turn(&before, p));
+        if !(turned >= turn_before) {
+            return None;
+        }
+        let after = self.neighbour(q, place, 2);
+        let turn_after = after.map_or(0.0, |after| turn(q, &after));
+        if !(turned > turn_after) {
             return None;
         }
         let mut ends = (*p, *q, 0.0, 1.0);
@@ -383,11 +447,11 @@ impl<'a> Detector<'a> {
     fn neighbour(&self, facet: &Facet, place: Place, offset: i32) -> Option<Facet> {
         let mut at = [place.x, place.y];
         at[place.axis] = at[place.axis].checked_add_signed(offset)?;
-        let (tile, candidates) = self.strip.at(at[0], at[1])?;
+        let mut candidates = self.strip.at(at[0], at[1], facet.facing)?;
         let goes_on = |c: &Facet| {
             if offset < 0 { self.goes_on(c, facet, place.axis) } else { self.goes_on(facet, c, place.axis) }
         };
-        candidates.map(|k| tile.get(k)).find(goes_on)
+        candidates.find(goes_on)
     }
 
     fn is_heavy(&self, facet: &Facet) -> bool {

@@ -1,10 +1,14 @@
 //! The layers of a strip of the picture as an edge detector sees them: every boundary with the slope of its tangent plane.
+//!
+//! *Practice.* A detector goes through a tile row by row and looks at two rows at a time, so there are never more than two
+//! [`FacetRow`]s of a tile: they stay in the cache. What it asks of other pixels now and then is made of their boundaries anew.
+
+use std::ops::Range;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use crate::layers::{Boundary, Facing, LayerTile, TILE_SIDE, sample_offsets};
-use crate::space::{Camera, PixelRect, Projection};
+use crate::space::{Camera, Projection};
 
 /// A surface seen at a grazing angle steps by at most so many footprints a pixel: its true slope has no limit, and what it
 /// predicts beyond this is worth nothing.
@@ -35,13 +39,14 @@ impl Facet {
     }
 }
 
-/// The facets of one tile, as its boundaries are listed, one sample's alone; an array for each of their values, so that many
-/// are compared at once.
-#[derive(Debug)]
-pub(super) struct Facets {
-    rect: PixelRect,
-    /// `area + 1` offsets into the arrays, pixels row by row.
+/// The facets of a row of a tile's pixels and of the next tile's first, pixel by pixel and front to back, one sample's alone; an
+/// array for each of their values, so that many are compared at once. Its buffers are kept from row to row.
+#[derive(Debug, Default)]
+pub(super) struct FacetRow {
+    /// By pixel and one more: where its facets begin.
     pub offsets: Vec<u32>,
+    /// By facet: the column of its pixel, from the tile's first.
+    pub columns: Vec<i32>,
     depth: Vec<f32>,
     px_per_unit: Vec<f32>,
     step: [Vec<f32>; 2],
@@ -49,9 +54,11 @@ pub(super) struct Facets {
     /// ±1, as [`Facing`].
     facing: Vec<f32>,
     leaf: Vec<u32>,
+    /// What the one sample sees, where a pixel has several.
+    seen: Vec<Boundary>,
 }
 
-impl Facets {
+impl FacetRow {
     /// Facet number `i`.
     pub fn get(&self, i: usize) -> Facet {
         Facet {
@@ -64,39 +71,156 @@ impl Facets {
         }
     }
 
-    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long:
-    /// faces the same way, is at most `jump_px` and a share of the step off the tangent planes, and has a normal with at least
-    /// `least_cos` to its own. `alike` gets the answers, 1 or 0.
-    pub fn alike(
+    /// Becomes row number `row` of tile `index` of `strip`, with the first pixel of the tile beside it, if there is one.
+    #[inline(always)]
+    pub fn fill(&mut self, strip: &FacetStrip, index: usize, row: u32) {
+        let tile = strip.tile(index);
+        let beside = (tile.rect.x1 < strip.width).then(|| strip.tile(index + 1));
+        let across = tile.rect.width() as usize;
+        let first = row as usize * across;
+        let offsets = &tile.offsets[first..=first + across];
+        let beside = beside.map(|tile| tile.at(tile.rect.x0, tile.rect.y0 + row));
+        let own = &tile.boundaries[offsets[0] as usize..offsets[across] as usize];
+        self.offsets.clear();
+        if strip.samples <= 1 {
+            self.offsets.extend(offsets.iter().map(|offset| offset - offsets[0]));
+            self.offsets.extend(beside.map(|beside| (own.len() + beside.len()) as u32));
+            self.gather(own, beside.unwrap_or_default());
+        } else {
+            let mut seen = std::mem::take(&mut self.seen);
+            seen.clear();
+            self.offsets.push(0);
+            let pixels = offsets.windows(2).map(|w| &tile.boundaries[w[0] as usize..w[1] as usize]);
+            for of_pixel in pixels.chain(beside) {
+                seen.extend(of_pixel.iter().filter(|boundary| strip.is_seen(boundary)));
+                self.offsets.push(seen.len() as u32);
+            }
+            self.gather(&seen, &[]);
+            self.seen = seen;
+        }
+        self.slope(&strip.slopes, tile.rect.x0, tile.rect.y0 + row);
+    }
+
+    /// Takes over what the boundaries `own` and `beside` say.
+    #[inline(always)]
+    fn gather(&mut self, own: &[Boundary], beside: &[Boundary]) {
+        let count = own.len() + beside.len();
+        self.columns.resize(count, 0);
+        self.leaf.resize(count, 0);
+        let arrays = [&mut self.depth, &mut self.px_per_unit, &mut self.facing];
+        arrays.into_iter().chain(&mut self.step).chain(&mut self.normal).for_each(|array| array.resize(count, 0.0));
+        self.take(0, own);
+        self.take(own.len(), beside);
+        let (columns, mut column) = (&mut self.columns[..count], 0);
+        for (i, of_facet) in columns.iter_mut().enumerate() {
+            while i >= self.offsets[column + 1] as usize {
+                column += 1;
+            }
+            *of_facet = column as i32;
+        }
+    }
+
+    /// Takes over what `boundaries` say, from number `first` on.
+    #[inline(always)]
+    fn take(&mut self, first: usize, boundaries: &[Boundary]) {
+        // Slices of one known length: no write asks where its array ends.
+        let (count, all) = (boundaries.len(), first..first + boundaries.len());
+        let (depth, facing) = (&mut self.depth[all.clone()][..count], &mut self.facing[all.clone()][..count]);
+        let [x, y, z] = &mut self.normal;
+        let (x, y, z) = (&mut x[all.clone()][..count], &mut y[all.clone()][..count], &mut z[all.clone()][..count]);
+        let leaf = &mut self.leaf[all][..count];
+        for (i, boundary) in boundaries.iter().enumerate() {
+            depth[i] = boundary.depth;
+            [x[i], y[i], z[i]] = boundary.normal.to_array();
+            facing[i] = f32::from(boundary.facing as i8);
+            leaf[i] = boundary.leaf;
+        }
+    }
+
+    /// Finds the slopes at pixels of row `y` of the picture, the first of them at column `x0`.
+    #[inline(always)]
+    fn slope(&mut self, slopes: &Slopes, x0: u32, y: u32) {
+        let count = self.depth.len();
+        let v = slopes.down_of(y as f32);
+        let (depth, columns, px_per_unit) =
+            (&self.depth[..count], &self.columns[..count], &mut self.px_per_unit[..count]);
+        let [right, down] = &mut self.step;
+        let (right, down) = (&mut right[..count], &mut down[..count]);
+        let [n_x, n_y, n_z] = [0, 1, 2].map(|k| &self.normal[k][..count]);
+        for i in 0..count {
+            let u = slopes.right_of((x0 as i32 + columns[i]) as f32);
+            let towards = slopes.forward + slopes.right * u + slopes.down * v;
+            [right[i], down[i]] = slopes.step_along(Vec3::new(n_x[i], n_y[i], n_z[i]), towards);
+            px_per_unit[i] = slopes.px_per_unit(depth[i]);
+        }
+    }
+
+    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long.
+    #[inline(always)]
+    pub fn all_go_on(&self, a: Range<usize>, others: &Self, b: Range<usize>, axis: usize, limits: &Limits) -> bool {
+        let mut differ = 0;
+        self.compare(a, others, b, axis, limits, |_, goes_on, turns| differ |= u32::from(!goes_on | turns));
+        differ == 0
+    }
+
+    /// The same, answered for each in `fates`.
+    #[inline(always)]
+    pub fn fates(
         &self,
-        a: std::ops::Range<usize>,
+        a: Range<usize>,
         others: &Self,
-        b: std::ops::Range<usize>,
+        b: Range<usize>,
         axis: usize,
         limits: &Limits,
-        alike: &mut Vec<u8>,
-    ) -> bool {
+        fates: &mut Vec<Fate>,
+    ) {
+        fates.clear();
+        fates.resize(a.len(), Fate::GoesOn);
+        let fates = &mut fates[..a.len()];
+        self.compare(a, others, b, axis, limits, |i, goes_on, turns| {
+            fates[i] = match (goes_on, turns) {
+                (false, _) => Fate::Ends,
+                (true, true) => Fate::Turns,
+                (true, false) => Fate::GoesOn,
+            };
+        });
+    }
+
+    #[inline(always)]
+    fn compare(
+        &self,
+        a: Range<usize>,
+        others: &Self,
+        b: Range<usize>,
+        axis: usize,
+        limits: &Limits,
+        mut answer: impl FnMut(usize, bool, bool),
+    ) {
         let count = a.len();
-        alike.clear();
-        alike.resize(count, 0);
         // Slices of one known length: the loop is a vector loop.
-        let (za, zb) = (&self.depth[a.clone()], &others.depth[b.clone()]);
-        let (sa, sb) = (&self.step[axis][a.clone()], &others.step[axis][b.clone()]);
-        let (fa, fb) = (&self.facing[a.clone()], &others.facing[b.clone()]);
-        let [xa, ya, na] = [0, 1, 2].map(|k| &self.normal[k][a.clone()]);
-        let [xb, yb, nb] = [0, 1, 2].map(|k| &others.normal[k][b.clone()]);
-        let scale = &self.px_per_unit[a];
-        let out = &mut alike[..count];
-        let mut all = 1u8;
+        let (za, zb) = (&self.depth[a.clone()][..count], &others.depth[b.clone()][..count]);
+        let (sa, sb) = (&self.step[axis][a.clone()][..count], &others.step[axis][b.clone()][..count]);
+        let (fa, fb) = (&self.facing[a.clone()][..count], &others.facing[b.clone()][..count]);
+        let [xa, ya, na] = [0, 1, 2].map(|k| &self.normal[k][a.clone()][..count]);
+        let [xb, yb, nb] = [0, 1, 2].map(|k| &others.normal[k][b.clone()][..count]);
+        let scale = &self.px_per_unit[a][..count];
         for i in 0..count {
             let goes_on = limits.goes_on((zb[i] - za[i]) * scale[i], sa[i], sb[i]);
             let cos = xa[i] * xb[i] + ya[i] * yb[i] + na[i] * nb[i];
-            let same = u8::from(goes_on) & u8::from(cos >= limits.least_cos) & u8::from(fa[i] == fb[i]);
-            out[i] = same;
-            all &= same;
+            answer(i, goes_on & (fa[i] == fb[i]), !(cos >= limits.least_cos));
         }
-        all == 1
     }
+}
+
+/// What becomes of a surface between two pixels, as [`Limits`] say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fate {
+    /// It faces the same way and is near the tangent planes, and its normal is not far from what it was.
+    GoesOn,
+    /// The same, but its normal is.
+    Turns,
+    /// The other pixel has something else in its place.
+    Ends,
 }
 
 /// When a surface goes on.
@@ -120,9 +244,9 @@ impl Limits {
     }
 }
 
-/// The facets of some rows of tiles.
+/// Some rows of tiles, and what their boundaries are as facets.
 #[derive(Debug)]
-pub(super) struct FacetStrip {
+pub(super) struct FacetStrip<'a> {
     /// Tiles side by side.
     pub across: usize,
     /// First row of pixels.
@@ -131,49 +255,47 @@ pub(super) struct FacetStrip {
     pub y1: u32,
     /// Pixels side by side.
     pub width: u32,
-    tiles: Vec<Facets>,
+    tiles: &'a [LayerTile],
+    slopes: Slopes,
+    samples: u32,
+    /// The one that counts.
+    sample: u32,
 }
 
-impl FacetStrip {
+impl<'a> FacetStrip<'a> {
     /// From `tiles`, row by row; at least one.
-    pub fn new(tiles: &[&LayerTile], camera: &Camera, samples: u32) -> Self {
-        let slopes = Slopes::new(camera);
-        let sample = central_sample(samples);
-        let facets: Vec<Facets> = tiles.par_iter().map(|tile| slopes.facets(tile, samples, sample)).collect();
+    pub fn new(tiles: &'a [LayerTile], camera: &Camera, samples: u32) -> Self {
         Self {
             across: camera.width.div_ceil(TILE_SIDE) as usize,
             y0: tiles[0].rect.y0,
             y1: tiles[tiles.len() - 1].rect.y1,
             width: camera.width,
-            tiles: facets,
+            tiles,
+            slopes: Slopes::new(camera),
+            samples,
+            sample: central_sample(samples),
         }
     }
 
-    /// Tiles.
-    pub fn len(&self) -> usize {
-        self.tiles.len()
-    }
-
-    /// The pixels of tile `index`.
-    pub fn rect(&self, index: usize) -> PixelRect {
-        self.tiles[index].rect
-    }
-
-    /// The facets of tile `index`.
-    pub fn tile(&self, index: usize) -> &Facets {
+    /// Tile `index`.
+    pub fn tile(&self, index: usize) -> &'a LayerTile {
         &self.tiles[index]
     }
 
-    /// The facets of a pixel, front to back: those of a tile, and which; `None` outside of the strip.
-    #[inline]
-    pub fn at(&self, x: u32, y: u32) -> Option<(&Facets, std::ops::Range<usize>)> {
+    /// The facets of a pixel that face as `facing`, front to back; `None` outside of the strip.
+    pub fn at(&self, x: u32, y: u32, facing: Facing) -> Option<impl Iterator<Item = Facet>> {
         if x >= self.width || y < self.y0 || y >= self.y1 {
             return None;
         }
         let index = ((y - self.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
-        let (tile, rect) = (&self.tiles[index], self.rect(index));
-        let pixel = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
-        Some((tile, tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize))
+        let is_asked = move |b: &&Boundary| self.is_seen(b) && facing == b.facing;
+        let asked = self.tiles[index].at(x, y).iter().filter(is_asked);
+        Some(asked.map(move |boundary| self.slopes.facet(boundary, x, y)))
+    }
+
+    #[inline(always)]
+    fn is_seen(&self, boundary: &Boundary) -> bool {
+        self.samples <= 1 || boundary.samples >> self.sample & 1 == 1
     }
 }
 
@@ -184,6 +306,7 @@ pub(crate) fn central_sample(samples: u32) -> u32 {
 }
 
 /// What a camera makes of normals.
+#[derive(Debug)]
 pub(super) struct Slopes {
     right: Vec3,
     down: Vec3,
@@ -216,9 +339,20 @@ impl Slopes {
 
     /// How many footprints deeper the tangent plane with `normal` is one pixel to the right of pixel (`x`, `y`), and one down.
     pub fn step(&self, normal: Vec3, x: u32, y: u32) -> [f32; 2] {
-        let u = (x as f32 - self.middle[0]) * self.tangent;
-        let v = (y as f32 - self.middle[1]) * self.tangent;
+        let (u, v) = (self.right_of(x as f32), self.down_of(y as f32));
         self.step_along(normal, self.forward + self.right * u + self.down * v)
+    }
+
+    /// How far to the right of the middle the ray through column `x` is, one unit forward.
+    #[inline(always)]
+    fn right_of(&self, x: f32) -> f32 {
+        (x - self.middle[0]) * self.tangent
+    }
+
+    /// The same downwards, for row `y`.
+    #[inline(always)]
+    fn down_of(&self, y: f32) -> f32 {
+        (y - self.middle[1]) * self.tangent
     }
 
     /// The same where the ray goes `towards`, one unit forward.
@@ -237,55 +371,14 @@ impl Slopes {
         if self.perspective { self.focal / depth } else { self.focal }
     }
 
-    fn facets(&self, tile: &LayerTile, samples: u32, sample: u32) -> Facets {
-        let rect = tile.rect;
-        let is_seen = |boundary: &Boundary| samples <= 1 || boundary.samples >> sample & 1 == 1;
-        let offsets = if samples <= 1 {
-            tile.offsets.clone()
-        } else {
-            let mut seen = 0;
-            let of_pixel = |pixel: &[u32]| {
-                let boundaries = &tile.boundaries[pixel[0] as usize..pixel[1] as usize];
-                seen += boundaries.iter().filter(|boundary| is_seen(boundary)).count() as u32;
-                seen
-            };
-            std::iter::once(0).chain(tile.offsets.windows(2).map(of_pixel)).collect()
-        };
-        let count = offsets.last().map_or(0, |count| *count as usize);
-        let array = || vec![0.0_f32; count];
-        let (mut depth, mut px_per_unit, mut facing, mut leaf) = (array(), array(), array(), vec![0; count]);
-        let (mut right, mut down, mut x_of, mut y_of, mut z_of) = (array(), array(), array(), array(), array());
-        // Slices of one known length: no write asks where its array ends.
-        {
-            let (depth, px_per_unit, facing) = (&mut depth[..count], &mut px_per_unit[..count], &mut facing[..count]);
-            let (leaf, right, down) = (&mut leaf[..count], &mut right[..count], &mut down[..count]);
-            let (x_of, y_of, z_of) = (&mut x_of[..count], &mut y_of[..count], &mut z_of[..count]);
-            let (mut pixel, mut i) = (0, 0);
-            for y in rect.y0..rect.y1 {
-                let v = (y as f32 - self.middle[1]) * self.tangent;
-                for x in rect.x0..rect.x1 {
-                    let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                    pixel += 1;
-                    if of_pixel.is_empty() {
-                        continue;
-                    }
-                    let u = (x as f32 - self.middle[0]) * self.tangent;
-                    let towards = self.forward + self.right * u + self.down * v;
-                    for boundary in tile.boundaries[of_pixel].iter().filter(|boundary| is_seen(boundary)) {
-                        if i >= count {
-                            break;
-                        }
-                        [right[i], down[i]] = self.step_along(boundary.normal, towards);
-                        depth[i] = boundary.depth;
-                        px_per_unit[i] = self.px_per_unit(boundary.depth);
-                        [x_of[i], y_of[i], z_of[i]] = boundary.normal.to_array();
-                        facing[i] = f32::from(boundary.facing as i8);
-                        leaf[i] = boundary.leaf;
-                        i += 1;
-                    }
-                }
-            }
+    fn facet(&self, boundary: &Boundary, x: u32, y: u32) -> Facet {
+        Facet {
+            depth: boundary.depth,
+            px_per_unit: self.px_per_unit(boundary.depth),
+            step: self.step(boundary.normal, x, y),
+            normal: boundary.normal,
+            facing: boundary.facing,
+            leaf: boundary.leaf,
         }
-        Facets { rect, offsets, depth, px_per_unit, step: [right, down], normal: [x_of, y_of, z_of], facing, leaf }
     }
 }

@@ -21,13 +21,13 @@
 use super::Look;
 use super::lighting::Shader;
 use super::merge::{Content, Contents};
-use super::occlusion::Shade;
+use super::occlusion::{Depths, Shade};
 use super::picture::Picture;
 use super::shaded::{blend_one, over};
 use super::shadow::Shadows;
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
-use crate::layers::{Boundary, LayerSource, LayerTile};
+use crate::layers::{Boundary, LayerSource, LayerTile, TILE_SIDE};
 use crate::scene::style::{Style, StyleKind};
 
 use std::ops::Range;
@@ -65,13 +65,13 @@ pub(super) fn layered(
         style,
         heavy,
         on_tile,
-        |strip| inks.suns(strip, strip.own.clone(), shadows, source),
-        |strip, suns, index| {
+        |strip| (inks.suns(strip, strip.own.clone(), shadows, source), shade.as_ref().map(|_| Depths::new(strip))),
+        |strip, (suns, depths), index| {
             let tile = &strip.tiles[index];
             let lines = strip.lines(index, tile.rect, false);
             let mut surfaces = inks.surfaces(tile, &shader, samples, suns.get(index).map_or(&[], |sun| &sun[..]));
-            if let Some(shade) = &shade {
-                shade.darken(strip, index, &mut surfaces);
+            if let (Some(shade), Some(depths)) = (&shade, depths) {
+                shade.darken(strip, index, depths, &mut surfaces);
             }
             compose(tile, &lines, &surfaces, samples, &inks, contents, look.background)
         },
@@ -89,26 +89,51 @@ pub(super) fn from_strips<P: Sync>(
     compose: impl Fn(&Strip, &P, usize) -> Composed + Sync,
 ) -> Picture {
     let (width, height) = (source.camera().width, source.camera().height);
-    let mut pixels = Vec::with_capacity(width as usize * height as usize);
-    let mut depth = Vec::with_capacity(pixels.capacity());
+    let across = width as usize;
+    let mut pixels = vec![[0.0; 4]; across * height as usize];
+    let mut depth = vec![0.0; pixels.len()];
     let mut covered = 0;
     for_each_strip(source, style, heavy, on_tile, |strip| {
         let shared = prepare(strip);
-        let composed: Vec<Composed> =
-            strip.own.clone().into_par_iter().map(|index| compose(strip, &shared, index)).collect();
-        for row in composed.chunks_exact(strip.across) {
-            let rows = row[0].pixels.len() / (strip.tiles[strip.own.start].rect.width() as usize);
-            for y in 0..rows {
-                for tile in row {
-                    let across = tile.pixels.len() / rows;
-                    pixels.extend_from_slice(&tile.pixels[y * across..(y + 1) * across]);
-                    depth.extend_from_slice(&tile.depth[y * across..(y + 1) * across]);
-                }
-            }
-        }
-        covered += composed.iter().map(|tile| tile.covered).sum::<u64>();
+        let (first, last) = (&strip.tiles[strip.own.start], &strip.tiles[strip.own.end - 1]);
+        let places = first.rect.y0 as usize * across..last.rect.y1 as usize * across;
+        let pixels = rows_of_tiles(&mut pixels[places.clone()], across);
+        let depth = rows_of_tiles(&mut depth[places], across);
+        let tiles = strip.own.clone().into_par_iter().zip(pixels).zip(depth);
+        covered += tiles
+            .map(|((index, pixels), depth)| {
+                let composed = compose(strip, &shared, index);
+                copy_rows(&composed.pixels, pixels);
+                copy_rows(&composed.depth, depth);
+                composed.covered
+            })
+            .sum::<u64>();
     });
     Picture { width, height, pixels, depth: Some(depth), covered, has_alpha: look.background[3] < 1.0 }
+}
+
+/// The rows of each tile of `band`, some rows of tiles of a picture `across` pixels wide.
+fn rows_of_tiles<T>(band: &mut [T], across: usize) -> Vec<Vec<&mut [T]>> {
+    let side = TILE_SIDE as usize;
+    let mut tiles = Vec::new();
+    for of_row in band.chunks_mut((across * side).max(1)) {
+        let first = tiles.len();
+        tiles.extend((0..across.div_ceil(side)).map(|_| Vec::with_capacity(side)));
+        for line in of_row.chunks_mut(across) {
+            tiles[first..].iter_mut().zip(line.chunks_mut(side)).for_each(|(rows, row)| rows.push(row));
+        }
+    }
+    tiles
+}
+
+/// Copies a tile's values, row by row, to their `rows`.
+fn copy_rows<T: Copy>(values: &[T], rows: Vec<&mut [T]>) {
+    let mut rest = values;
+    for row in rows {
+        let (values, below) = rest.split_at(row.len());
+        row.copy_from_slice(values);
+        rest = below;
+    }
 }
 
 /// The ink of each layer.

@@ -1,9 +1,6 @@
 //! A legend in a corner of the picture: the names of the leaves that show, each beside its colour.
 //!
-//! *Practice.* Leaves are told apart by colour, and a reader has to learn whose is which; so a swatch has the colour that a
-//! surface of the leaf has where it is seen head on: lit, as clear as the style makes it, and over the paper. Where a leaf has
-//! several, as a cutter has whose faces have the colours of what it cuts, its swatch has a part for each. A section's caps are
-//! hatched as in the picture.
+//! *Practice.* Leaves are told apart by colour, and a reader has to learn whose is which; so each has a [`swatch`](super::swatch).
 //!
 //! Letters are sized by the picture's height, and smaller where that brings in more rows or longer names, but not so small as
 //! to be hard to read. What still does not fit is left out from the leaf that shows least, and the last row says how many; a
@@ -12,14 +9,12 @@
 
 use super::Look;
 use super::lettering;
-use super::lighting::Shader;
 use super::picture::Picture;
-use super::section::Hatching;
 use super::shown::Surface;
 use super::styled::Leaves;
-use crate::layers::{Boundary, Facing};
+use super::swatch::{Part, Swatches};
 use crate::scene::colour::{linear_from_srgb, srgb_from_linear};
-use crate::scene::style::{Corner, Style, StyleKind};
+use crate::scene::style::{Corner, Style};
 use crate::space::{Camera, PixelRect};
 
 /// The panel is at most this part of the picture's width and of its height.
@@ -44,27 +39,6 @@ struct Row {
     parts: Vec<Part>,
     /// How much of it shows.
     count: u64,
-}
-
-/// A part of a swatch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Part {
-    /// Linear RGB, as the picture has it.
-    colour: [f32; 3],
-    opacity: f32,
-    hatch: Option<Hatch>,
-}
-
-/// Lines over a part of a swatch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Hatch {
-    /// Linear RGB, as the picture has it.
-    ink: [f32; 3],
-    width_px: f32,
-    /// As a multiple of what is usual.
-    spacing: f32,
-    /// Whether lines go up to the right.
-    rises: bool,
 }
 
 /// Pixels.
@@ -219,19 +193,10 @@ pub(super) fn draw(
 
 /// A row for each leaf, in the scene's order.
 fn rows(surfaces: &[Surface], camera: &Camera, look: &Look, style: &Style, leaves: Leaves) -> Vec<Row> {
-    let tints = matches!(style.kind, StyleKind::Blueprint | StyleKind::Wireframe);
-    let ink = style.ink(look.background);
-    let light = Lit { shader: Shader::new(&look.light, camera), camera };
-    // Surfaces in the ink's colour are not lit.
-    let as_drawn = |colour: [f32; 3]| if tints { ink } else { light.head_on(colour) };
+    let swatches = Swatches::new(camera, look, style, leaves);
     let mut rows: Vec<(u32, Row)> = Vec::new();
     for surface in surfaces {
-        let cap = leaves.hatching.and_then(|hatching| Cap::of(hatching, surface, camera));
-        let part = Part {
-            colour: as_drawn(cap.as_ref().map_or(surface.colour, |cap| cap.colour)),
-            opacity: surface.opacity,
-            hatch: cap.map(|cap| Hatch { ink: as_drawn(cap.hatch.ink), ..cap.hatch }),
-        };
+        let part = swatches.part_of(surface);
         if rows.last().is_none_or(|(leaf, _)| *leaf != surface.leaf) {
             let unnamed = || format!("leaf {}", surface.leaf + 1);
             let name = leaves.names.get(surface.leaf as usize).cloned().unwrap_or_else(unnamed);
@@ -245,85 +210,6 @@ fn rows(surfaces: &[Surface], camera: &Camera, look: &Look, style: &Style, leave
         }
     }
     rows.into_iter().map(|(_, row)| row).collect()
-}
-
-impl Part {
-    fn looks_like(&self, other: &Self) -> bool {
-        /// Less than a step of an 8-bit picture, in light as in sRGB's middle.
-        const ALIKE: f32 = 1.0 / 512.0;
-        let near = |a: f32, b: f32| (a - b).abs() < ALIKE;
-        self.hatch == other.hatch
-            && near(self.opacity, other.opacity)
-            && self.colour.iter().zip(other.colour).all(|(a, b)| near(*a, b))
-    }
-
-    /// Over `behind`, at column `x`, row `y` of a swatch with letters of `size` beside it.
-    fn at(&self, x: f32, y: f32, size: f32, behind: [f32; 3]) -> [f32; 3] {
-        let ink = self.hatch.map_or(0.0, |hatch| hatch.coverage(x, y, size));
-        // As on the cap: lines are opaque where the surface is not.
-        let bare = (1.0 - ink) * self.opacity;
-        let lines = self.hatch.map_or([0.0; 3], |hatch| hatch.ink);
-        std::array::from_fn(|c| ink * lines[c] + bare * self.colour[c] + (1.0 - ink - bare) * behind[c])
-    }
-}
-
-impl Hatch {
-    /// The share of ink in a pixel.
-    fn coverage(&self, x: f32, y: f32, size: f32) -> f32 {
-        /// Distance of lines as a share of the letters' size: two or three lines to a swatch.
-        const SPACING: f32 = 0.45;
-        let spacing = (SPACING * size * self.spacing).max(2.0);
-        let width = self.width_px.min(0.4 * spacing);
-        let across = (if self.rises { x + y } else { x - y }) * std::f32::consts::FRAC_1_SQRT_2;
-        let off = (across + 0.5 * spacing).rem_euclid(spacing) - 0.5 * spacing;
-        (0.5 + 0.5 * width - off.abs()).clamp(0.0, width.min(1.0))
-    }
-}
-
-/// What a section's cap is drawn with.
-struct Cap {
-    colour: [f32; 3],
-    hatch: Hatch,
-}
-
-impl Cap {
-    /// `None` where the surface is no section's.
-    fn of(hatching: &Hatching, surface: &Surface, camera: &Camera) -> Option<Self> {
-        let lines = hatching.lines(surface.leaf, surface.body)?;
-        let along = |axis: glam::DVec3| lines.along.dot(axis);
-        let hatch = Hatch {
-            ink: hatching.ink(),
-            width_px: hatching.line_px() as f32,
-            spacing: lines.spacing as f32,
-            // Rows count downwards.
-            rises: along(camera.right) * along(camera.down) < 0.0,
-        };
-        Some(Self { colour: hatching.colour(surface.body).unwrap_or(surface.colour), hatch })
-    }
-}
-
-/// Lights colours as they are seen in the middle of the picture.
-struct Lit<'a> {
-    shader: Shader<'a>,
-    camera: &'a Camera,
-}
-
-impl Lit<'_> {
-    /// On a surface that faces the eye.
-    fn head_on(&self, colour: [f32; 3]) -> [f32; 3] {
-        let towards_eye = self.shader.towards_eye(self.camera.width / 2, self.camera.height / 2);
-        let facing = Boundary {
-            depth: 1.0,
-            normal: towards_eye,
-            colour,
-            opacity: 1.0,
-            leaf: 0,
-            body: 0,
-            facing: Facing::Front,
-            samples: 1,
-        };
-        self.shader.lit(&facing, towards_eye)
-    }
 }
 
 /// The picture while a legend is drawn into it.
@@ -409,12 +295,13 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     use super::super::merge::Contents;
+    use super::super::section::Hatching;
     use super::super::styled_with;
     use super::*;
     use crate::formats::depth_picture::DepthPicture;
-    use crate::layers::LayerStack;
+    use crate::layers::{Boundary, Facing, LayerStack};
     use crate::scene::Light;
-    use crate::scene::style::{CutColour, LineSettings};
+    use crate::scene::style::{CutColour, LineSettings, StyleKind};
     use crate::space::Lens;
 
     const WHITE: [f32; 4] = [1.0; 4];

@@ -39,35 +39,61 @@ pub(super) type Rows<'a> = [&'a mut [[f32; 4]]];
 /// Pixels that are lit at once.
 pub(super) const LANES: usize = 8;
 
-/// Opaque pixels that wait to be lit together.
-#[derive(Debug, Default)]
+/// Surfaces that wait to be lit together: so many that what is written here has left the processor's store buffer before it is
+/// read again.
+const BATCH: usize = 8 * LANES;
+
+/// Surfaces that wait to be lit together.
+#[derive(Debug)]
 pub(super) struct Batch {
-    pub len: usize,
-    /// Where in the tile they are.
-    index: [usize; LANES],
+    len: usize,
+    /// Their numbers among what is lit.
+    index: [usize; BATCH],
     /// Pixel centres, from the picture's middle.
-    at: [[f32; LANES]; 2],
-    normal: [[f32; LANES]; 3],
-    colour: [[f32; LANES]; 3],
+    at: [[f32; BATCH]; 2],
+    normal: [[f32; BATCH]; 3],
+    colour: [[f32; BATCH]; 3],
+    opacity: [f32; BATCH],
     /// The share of the light that arrives.
-    sun: [f32; LANES],
+    sun: [f32; BATCH],
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self {
+            len: 0,
+            index: [0; BATCH],
+            at: [[0.0; BATCH]; 2],
+            normal: [[0.0; BATCH]; 3],
+            colour: [[0.0; BATCH]; 3],
+            opacity: [0.0; BATCH],
+            sun: [0.0; BATCH],
+        }
+    }
 }
 
 impl Batch {
     /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle. Of the light
-    /// a share `sun` arrives there.
+    /// a share `sun` arrives there. A batch that [is full](Self::is_full) takes no more.
     #[inline(always)]
     pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary, sun: f32) {
         let lane = self.len;
         self.len += 1;
         self.index[lane] = index;
         self.sun[lane] = sun;
+        self.opacity[lane] = boundary.opacity.clamp(0.0, 1.0);
         (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
         let (normal, colour) = (boundary.normal.to_array(), boundary.colour);
         for k in 0..3 {
             self.normal[k][lane] = normal[k];
             self.colour[k][lane] = colour[k];
         }
+    }
+
+    /// Whether it waits to be lit.
+    #[inline(always)]
+    pub fn is_full(&self) -> bool {
+        self.len == BATCH
     }
 }
 
@@ -107,18 +133,32 @@ impl<'a> Shader<'a> {
         [along(x, self.camera.width), along(y, self.camera.height)]
     }
 
-    /// Lights what `batch` holds, writes it to its places in `pixels`, and empties it. The same light as [`lit`](Self::lit).
-    pub(super) fn light(&self, batch: &mut Batch, pixels: &mut [[f32; 4]]) {
-        let lit = fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lit_batch(simd, batch)));
-        for (lane, &index) in batch.index[..batch.len].iter().enumerate() {
-            pixels[index] = [lit[0][lane], lit[1][lane], lit[2][lane], 1.0];
-        }
+    /// Lights what `batch` holds, writes it with its opacity to its places in `lit`, and empties it. The same light as
+    /// [`lit`](Self::lit).
+    pub(super) fn light(&self, batch: &mut Batch, lit: &mut [[f32; 4]]) {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.light_batch(simd, batch, lit)));
         batch.len = 0;
+    }
+
+    #[inline(always)]
+    fn light_batch<S: Simd>(&self, simd: S, batch: &Batch, lit: &mut [[f32; 4]]) {
+        for from in (0..batch.len).step_by(LANES) {
+            let load = |of: &[f32; BATCH]| f32x8::from_slice(simd, &of[from..from + LANES]);
+            let at = [load(&batch.at[0]), load(&batch.at[1])];
+            let [n_x, n_y, n_z] = &batch.normal;
+            let [r, g, b] = &batch.colour;
+            let (normal, colour) = ([load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)]);
+            let [r, g, b] = self.lit_lanes(simd, at, normal, colour, load(&batch.sun));
+            let opacity = &batch.opacity[from..from + LANES];
+            for (lane, &index) in batch.index[from..batch.len.min(from + LANES)].iter().enumerate() {
+                lit[index] = [r[lane], g[lane], b[lane], opacity[lane]];
+            }
+        }
     }
 
     /// The lit colours of the boundaries of `tile`, in their order, each with its opacity. The same light as
     /// [`lit`](Self::lit), of which the share of `sun` arrives at each boundary, all of it where `sun` is empty. Boundaries beyond
-    /// the first `most` of a pixel are not lit.
+    /// the first `most` of a pixel are nothing.
     pub fn lit_tile(&self, tile: &LayerTile, most: usize, sun: &[f32]) -> Vec<[f32; 4]> {
         let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
         let mut batch = Batch::default();
@@ -130,14 +170,13 @@ impl<'a> Shader<'a> {
                 for index in from..to.min(from.saturating_add(most)) {
                     let sun = sun.get(index).copied().unwrap_or(1.0);
                     batch.push(index, centre, &tile.boundaries[index], sun);
-                    if batch.len == LANES {
+                    if batch.is_full() {
                         self.light(&mut batch, &mut lit);
                     }
                 }
             }
         }
         self.light(&mut batch, &mut lit);
-        lit.iter_mut().zip(&tile.boundaries).for_each(|(lit, boundary)| lit[3] = boundary.opacity.clamp(0.0, 1.0));
         lit
     }
 
@@ -204,16 +243,6 @@ impl<'a> Shader<'a> {
             }
         }
         count
-    }
-
-    #[inline(always)]
-    fn lit_batch<S: Simd>(&self, simd: S, batch: &Batch) -> [[f32; LANES]; 3] {
-        let load = |lanes: &[f32; LANES]| f32x8::from_slice(simd, lanes);
-        let [n_x, n_y, n_z] = &batch.normal;
-        let [r, g, b] = &batch.colour;
-        let at = [load(&batch.at[0]), load(&batch.at[1])];
-        let (normal, colour) = ([load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)]);
-        self.lit_lanes(simd, at, normal, colour, load(&batch.sun)).map(Into::into)
     }
 
     /// Lit colours of surfaces at pixel centres `at`, with unit normals and unlit colours, where a share `sun` of the light arrives.

@@ -1,15 +1,17 @@
 //! What a style is made of, as pictures: each layer's depth, normals, colours and lines (Blueprint Fig. 3), and for a sketch
 //! the noise and what it makes of them (Sketchy Figs. 3 and 4).
 
+use fearless_simd::Level;
 use glam::{Vec2, Vec3};
 
 use super::facets::central_sample;
 use super::layered::Inks;
 use super::lighting::Shader;
 use super::shadow::Shadows;
-use super::sketchy::{Hand, Window};
+use super::sketchy::Hand;
 use super::strip::for_each_strip;
 use super::styled::prepared;
+use super::window::Window;
 use super::{Leaves, Look};
 use crate::layers::LayerSource;
 use crate::scene::colour::srgb_byte_from_linear;
@@ -136,8 +138,10 @@ fn maps_of(
                 }
             }
             let (Some(hand), Some(noise)) = (&hand, &mut noise) else { continue };
-            let window = Window::new(strip, index, hand.reach_px(), samples, &surfaces, inks.most, true);
-            for (pixel, &[edge, shade]) in hand.offsets(rect).iter().enumerate() {
+            let offsets = hand.offsets(Level::new(), rect);
+            let window = Window::new(strip, index, offsets.bounds, samples, &surfaces, inks.most, true);
+            let count = window.layers();
+            for pixel in 0..rect.area() {
                 let (at, middle) = (
                     place(pixel),
                     Vec2::new((pixel as u32 % rect.width()) as f32, (pixel as u32 / rect.width()) as f32),
@@ -145,15 +149,16 @@ fn maps_of(
                 let p = middle + Vec2::new(rect.x0 as f32, rect.y0 as f32);
                 let values = hand.noise_at(p);
                 noise[at] = [values.x, values.y, 0.0].map(|n| (127.5 + 127.5 * n).clamp(0.0, 255.0) as u8);
-                let (at_edge, at_shade) = (window.tap(p + edge), window.tap(p + shade));
-                for (layer, of_window) in layers.iter_mut().zip(&window.layers) {
-                    let [r, g, b, a] = at_shade.mix_colour(&of_window.colour);
+                let [at_edge, at_shade] = offsets.at(pixel).map(|offset| window.tap(p + offset));
+                let seen = window.surfaces(&at_shade);
+                for (number, layer) in layers.iter_mut().enumerate().take(count) {
+                    let [r, g, b, a] = window.colour(&seen, number).to_array();
                     if a > 0.0 {
                         layer.bytes[3].values[at] = [r / a, g / a, b / a].map(srgb_byte_from_linear);
                     }
-                    layer.bytes[4].values[at] = grey(1.0 - at_edge.mix(&of_window.ink));
+                    layer.bytes[4].values[at] = grey(1.0 - window.ink(&at_edge, number));
                     if let Some(depth) = &mut layer.perturbed_depth {
-                        depth.values[at] = of_window.depth[at_edge.nearest].min(of_window.depth[at_shade.nearest]);
+                        depth.values[at] = window.depth(&at_edge, number).min(window.depth(&at_shade, number));
                     }
                 }
             }

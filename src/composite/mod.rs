@@ -2,9 +2,9 @@
 //!
 //! *Practice.* [`recolour`] changes opacity and colours on the way in. `shaded` needs nothing but a pixel's own layers, lit as
 //! [`lighting`] says. The styles with lines go strip by strip: `facets` gives boundaries slopes, `edges` finds where lines pass between pixels,
-//! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`) blends layers and lines; [`maps`] shows what
+//! `strokes` smooths and draws them, and `layered` or `sketchy` (with `noise`, over a `window`) blends layers and lines; [`maps`] shows what
 //! they are made of. [`shadow`] asks what the light sees (`light_map`, in tiles of `light_grid`). `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
-//! `shown` saw, in letters of `lettering`.
+//! `shown` saw, each by its `swatch`, in letters of `lettering`.
 
 pub(crate) mod edges;
 pub(crate) mod facets;
@@ -29,8 +29,10 @@ pub(crate) mod sketchy;
 pub(crate) mod strip;
 pub(crate) mod strokes;
 pub(crate) mod styled;
+mod swatch;
 #[cfg(test)]
 mod tests;
+mod window;
 
 pub use lighting::Look;
 pub use picture::Picture;

@@ -4,7 +4,13 @@
 //! values: neighbouring pixels get neighbouring values, so a perturbed line stays one line, and the noise stands still while
 //! the scene moves below it.
 
+use std::sync::LazyLock;
+
 use glam::Vec2;
+
+/// Unit vectors in 2⁸ directions.
+static GRADIENTS: LazyLock<[Vec2; 256]> =
+    LazyLock::new(|| std::array::from_fn(|i| Vec2::from_angle(i as f32 / 256.0 * std::f32::consts::TAU)));
 
 /// Gradient noise in two dimensions, −1 to 1, zero at whole coordinates.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +44,7 @@ impl Perlin {
         (top + v * (bottom - top)) / MOST
     }
 
-    /// A unit vector in one of 2⁸ directions.
+    /// One of [`GRADIENTS`].
     fn gradient(self, x: i32, y: i32) -> Vec2 {
         // Multiply and shift, as in Jenkins' and Murmur's finishers.
         let mut hash = self.seed ^ (x as u32).wrapping_mul(0x85eb_ca6b) ^ (y as u32).wrapping_mul(0xc2b2_ae35);
@@ -46,7 +52,7 @@ impl Perlin {
             hash = (hash ^ (hash >> 16)).wrapping_mul(0x7feb_352d);
             hash = (hash ^ (hash >> 15)).wrapping_mul(0x846c_a68b);
         }
-        Vec2::from_angle((hash >> 24) as f32 / 256.0 * std::f32::consts::TAU)
+        GRADIENTS[(hash >> 24) as usize]
     }
 }
 

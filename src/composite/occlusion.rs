@@ -14,9 +14,10 @@
 //! only where the reach meets its limit. Each boundary is shaded by itself, before layers and samples are blended; what is
 //! asked is the nearest surface that is not clear.
 
-use fearless_simd::Level;
 use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, f32x8};
 use glam::Vec2;
+use rayon::prelude::*;
 
 use super::facets::Slopes;
 use super::strip::Strip;
@@ -55,41 +56,45 @@ impl Shade {
         Self { level: Level::new(), slopes: Slopes::new(camera), strength, around: neighbours(camera) }
     }
 
-    /// Darkens the lit colours of tile `index`, in the order of its boundaries.
-    pub fn darken(&self, strip: &Strip, index: usize, lit: &mut [[f32; 4]]) {
+    /// Darkens the lit colours of tile `index` of `strip`, in the order of its boundaries; `depths` are the strip's.
+    pub fn darken(&self, strip: &Strip, index: usize, depths: &Depths, lit: &mut [[f32; 4]]) {
         let tile = &strip.tiles[index];
         if tile.boundaries.is_empty() {
             return;
         }
-        let depths = Depths::new(strip, index);
+        let around = depths.around(&self.around);
         let across = tile.rect.width() as usize;
         let mut layer = 0;
         // The nearest boundaries of a row, then those behind them, and so on.
         loop {
             let mut deeper = false;
-            for (row, offsets) in tile.offsets[..tile.offsets.len() - 1].chunks_exact(across).enumerate() {
+            for (row, offsets) in tile.offsets.windows(across + 1).step_by(across).enumerate() {
                 let y = tile.rect.y0 + row as u32;
-                let mut asking = Row::default();
-                let mut numbers = [usize::MAX; SIDE];
-                let mut any = false;
-                for (column, number) in numbers[..across].iter_mut().enumerate() {
-                    let pixel = row * across + column;
-                    let i = offsets[column] as usize + layer;
-                    if i >= tile.offsets[pixel + 1] as usize {
-                        continue;
+                for first in (0..across).step_by(LANES) {
+                    let mut asking = Asking::default();
+                    let mut numbers = [usize::MAX; LANES];
+                    let mut any = false;
+                    let of_pixels = offsets[first..across.min(first + LANES) + 1].windows(2);
+                    for (lane, of_pixel) in of_pixels.enumerate() {
+                        let i = of_pixel[0] as usize + layer;
+                        if i >= of_pixel[1] as usize {
+                            continue;
+                        }
+                        any = true;
+                        numbers[lane] = i;
+                        deeper |= i + 1 < of_pixel[1] as usize;
+                        let boundary = &tile.boundaries[i];
+                        let x = tile.rect.x0 + (first + lane) as u32;
+                        let [right, down] = self.slopes.step(boundary.normal, x, y);
+                        (asking.right[lane], asking.down[lane]) = (right, down);
+                        asking.depth[lane] = boundary.depth;
+                        asking.px_per_unit[lane] = self.slopes.px_per_unit(boundary.depth);
                     }
-                    (any, *number) = (true, i);
-                    deeper |= i + 1 < tile.offsets[pixel + 1] as usize;
-                    let boundary = &tile.boundaries[i];
-                    let [right, down] = self.slopes.step(boundary.normal, tile.rect.x0 + column as u32, y);
-                    (asking.right[column], asking.down[column]) = (right, down);
-                    asking.depth[column] = boundary.depth;
-                    asking.px_per_unit[column] = self.slopes.px_per_unit(boundary.depth);
-                }
-                if any {
-                    let lights = self.lights(&asking, &depths, row as u32);
-                    for (number, light) in numbers.iter().zip(lights).filter(|(number, _)| **number != usize::MAX) {
-                        lit[*number][..3].iter_mut().for_each(|c| *c *= light);
+                    if any {
+                        let lights = self.lights(&asking, &around, depths.from(tile.rect.x0 + first as u32, y));
+                        for (number, light) in numbers.iter().zip(lights).filter(|(number, _)| **number != usize::MAX) {
+                            lit[*number][..3].iter_mut().for_each(|c| *c *= light);
+                        }
                     }
                 }
             }
@@ -100,57 +105,59 @@ impl Shade {
         }
     }
 
-    /// The share of its light that each surface of row `row` of a tile keeps.
-    fn lights(&self, asking: &Row, depths: &Depths, row: u32) -> [f32; SIDE] {
-        fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.lights_of(asking, depths, row)))
+    /// The share of its light that each surface of `asking` keeps; `nearest` are the depths from the first neighbour of the first of
+    /// them on.
+    fn lights(&self, asking: &Asking, around: &[[Place; RINGS.len()]], nearest: &[f32]) -> [f32; LANES] {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.lights_of(simd, asking, around, nearest),
+        ))
     }
 
     #[inline(always)]
-    fn lights_of(&self, asking: &Row, depths: &Depths, row: u32) -> [f32; SIDE] {
-        let first = depths.index(0, row);
-        let mut hidden = [0.0f32; SIDE];
-        for direction in &self.around {
-            let mut highest = [0.0f32; SIDE];
-            for neighbour in direction {
-                let there = first.wrapping_add_signed(neighbour.offset);
-                let there = &depths.nearest[there..there + SIDE];
-                let (ahead, below) = (neighbour.at.x, neighbour.at.y);
-                for column in 0..SIDE {
-                    let deeper = (there[column] - asking.depth[column]) * asking.px_per_unit[column];
-                    let plane = asking.right[column] * ahead + asking.down[column] * below;
-                    let height = (plane - deeper) * neighbour.per_distance;
-                    // Of what may be another body a part counts, so that no border shows where it begins to be.
-                    let same = (ANOTHER_BODY - height) * (1.0 / (ANOTHER_BODY - MAYBE_ANOTHER_BODY));
-                    let counted = same.clamp(0.0, 1.0) * height;
-                    highest[column] = if counted > highest[column] { counted } else { highest[column] };
-                }
+    fn lights_of<S: Simd>(
+        &self,
+        simd: S,
+        asking: &Asking,
+        around: &[[Place; RINGS.len()]],
+        nearest: &[f32],
+    ) -> [f32; LANES] {
+        let load = |of: &[f32; LANES]| f32x8::from_slice(simd, of);
+        let (depth, px_per_unit) = (load(&asking.depth), load(&asking.px_per_unit));
+        let (right, down) = (load(&asking.right), load(&asking.down));
+        let zero = f32x8::splat(simd, 0.0);
+        let mut hidden = zero;
+        for direction in around {
+            let mut highest = zero;
+            for place in direction {
+                let there = f32x8::from_slice(simd, &nearest[place.offset..place.offset + LANES]);
+                let deeper = (there - depth) * px_per_unit;
+                let plane = right * place.at.x + down * place.at.y;
+                let height = (plane - deeper) * place.per_distance;
+                // Of what may be another body a part counts, so that no border shows where it begins to be.
+                let same = (-height + ANOTHER_BODY) * (1.0 / (ANOTHER_BODY - MAYBE_ANOTHER_BODY));
+                let counted = same.max(0.0).min(1.0) * height;
+                highest = counted.simd_gt(highest).select(counted, highest);
             }
-            for column in 0..SIDE {
-                let height = highest[column];
-                let sine = height / (1.0 + height * height).sqrt();
-                hidden[column] += if height > LEAST_HEIGHT { sine } else { 0.0 };
-            }
+            let sine = highest / (highest * highest + 1.0).sqrt();
+            hidden += highest.simd_gt(LEAST_HEIGHT).select(sine, zero);
         }
-        hidden.map(|hidden| 1.0 - self.strength * hidden / DIRECTIONS as f32)
+        let lost: [f32; LANES] = (hidden * self.strength / DIRECTIONS as f32).into();
+        lost.map(|lost| 1.0 - lost)
     }
 }
 
-/// Pixels of a tile's row.
-const SIDE: usize = TILE_SIDE as usize;
+/// Surfaces that ask for their sky at once.
+const LANES: usize = 8;
 
-/// The surfaces of a row that ask for their sky.
-struct Row {
-    depth: [f32; SIDE],
-    px_per_unit: [f32; SIDE],
+/// The surfaces of some pixels side by side.
+#[derive(Default)]
+struct Asking {
+    depth: [f32; LANES],
+    px_per_unit: [f32; LANES],
     /// The tangent plane's steps.
-    right: [f32; SIDE],
-    down: [f32; SIDE],
-}
-
-impl Default for Row {
-    fn default() -> Self {
-        Self { depth: [0.0; SIDE], px_per_unit: [0.0; SIDE], right: [0.0; SIDE], down: [0.0; SIDE] }
-    }
+    right: [f32; LANES],
+    down: [f32; LANES],
 }
 
 /// A pixel that is asked.
@@ -158,10 +165,9 @@ pub(crate) struct Neighbour {
     /// In pixels from the one that asks.
     pub(crate) at: Vec2,
     pub(crate) per_distance: f32,
-    /// In [`Depths`].
-    offset: isize,
 }
 
+/// The pixels that are asked, by direction and the nearest first.
 pub(crate) fn neighbours(camera: &Camera) -> Vec<[Neighbour; RINGS.len()]> {
     let reach = (REACH_SHARE * camera.width.min(camera.height) as f32).clamp(REACH_PX[0], REACH_PX[1]);
     let of_direction = |direction: usize| {
@@ -169,43 +175,71 @@ pub(crate) fn neighbours(camera: &Camera) -> Vec<[Neighbour; RINGS.len()]> {
         let turn = (direction as f32 + 0.5) / DIRECTIONS as f32;
         RINGS.map(|share| {
             let at = (Vec2::from_angle(turn * std::f32::consts::TAU) * (reach * share).max(1.5)).round();
-            let offset = at.y as isize * Depths::ACROSS as isize + at.x as isize;
-            Neighbour { at, per_distance: 1.0 / at.length(), offset }
+            Neighbour { at, per_distance: 1.0 / at.length() }
         })
     };
     (0..DIRECTIONS).map(of_direction).collect()
 }
 
-/// The nearest depths of a tile and around it; +∞ where nothing is.
-struct Depths {
+/// A [`Neighbour`] in [`Depths`].
+struct Place {
+    at: Vec2,
+    per_distance: f32,
+    /// From the pixel that is [`Depths::REACH`] pixels before the one that asks, in rows and columns.
+    offset: usize,
+}
+
+/// The nearest depths of a strip, and nothing around it; +∞ where nothing is.
+pub(super) struct Depths {
     nearest: Vec<f32>,
+    across: usize,
+    /// The first row of pixels.
+    y0: u32,
 }
 
 impl Depths {
+    /// How far beyond the strip lookups reach.
     const REACH: usize = REACH_PX[1] as usize + 1;
-    const ACROSS: usize = TILE_SIDE as usize + 2 * Self::REACH;
 
-    fn index(&self, column: u32, row: u32) -> usize {
-        (row as usize + Self::REACH) * Self::ACROSS + column as usize + Self::REACH
-    }
-
-    fn new(strip: &Strip, index: usize) -> Self {
-        let own = strip.tiles[index].rect;
-        let mut nearest = vec![f32::INFINITY; Self::ACROSS * Self::ACROSS];
-        let (x0, y0) = (own.x0 as i32 - Self::REACH as i32, own.y0 as i32 - Self::REACH as i32);
-        let (x1, y1) = (x0 + Self::ACROSS as i32, y0 + Self::ACROSS as i32);
-        for tile in strip.around(index).map(|near| &strip.tiles[near]) {
-            let rect = tile.rect;
-            for y in (rect.y0 as i32).max(y0)..(rect.y1 as i32).min(y1) {
-                for x in (rect.x0 as i32).max(x0)..(rect.x1 as i32).min(x1) {
-                    let pixel = ((y as u32 - rect.y0) * rect.width() + (x as u32 - rect.x0)) as usize;
-                    let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                    if let Some(first) = tile.boundaries[of_pixel].iter().find(|boundary| boundary.opacity > 0.0) {
-                        nearest[(y - y0) as usize * Self::ACROSS + (x - x0) as usize] = first.depth;
+    /// Of `strip`.
+    pub fn new(strip: &Strip) -> Self {
+        let (first, last) = (strip.tiles[0].rect, strip.tiles[strip.tiles.len() - 1].rect);
+        // The last pixels that ask are as many as ever, whether the picture has them or not.
+        let across = (last.x1 as usize).next_multiple_of(LANES) + 2 * Self::REACH;
+        let rows = (last.y1 - first.y0) as usize;
+        let mut nearest = vec![f32::INFINITY; across * (rows + 2 * Self::REACH)];
+        let of_strip = &mut nearest[Self::REACH * across..(Self::REACH + rows) * across];
+        let side = TILE_SIDE as usize;
+        of_strip.par_chunks_mut(across * side).zip(strip.tiles.par_chunks(strip.across)).for_each(|(of_row, tiles)| {
+            for (row, nearest) in of_row.chunks_mut(across).enumerate() {
+                for tile in tiles.iter().filter(|tile| !tile.boundaries.is_empty()) {
+                    let width = tile.rect.width() as usize;
+                    let offsets = &tile.offsets[row * width..=(row + 1) * width];
+                    let first = Self::REACH + tile.rect.x0 as usize;
+                    for (nearest, of_pixel) in nearest[first..first + width].iter_mut().zip(offsets.windows(2)) {
+                        let of_pixel = &tile.boundaries[of_pixel[0] as usize..of_pixel[1] as usize];
+                        if let Some(first) = of_pixel.iter().find(|boundary| boundary.opacity > 0.0) {
+                            *nearest = first.depth;
+                        }
                     }
                 }
             }
-        }
-        Self { nearest }
+        });
+        Self { nearest, across, y0: first.y0 }
+    }
+
+    /// Where `neighbours` are from the pixel that is [`REACH`](Self::REACH) pixels before the one that asks, in rows and columns.
+    fn around(&self, neighbours: &[[Neighbour; RINGS.len()]]) -> Vec<[Place; RINGS.len()]> {
+        let place = |neighbour: &Neighbour| {
+            let along = |at: f32| (Self::REACH as isize + at as isize) as usize;
+            let offset = along(neighbour.at.y) * self.across + along(neighbour.at.x);
+            Place { at: neighbour.at, per_distance: neighbour.per_distance, offset }
+        };
+        neighbours.iter().map(|direction| direction.each_ref().map(place)).collect()
+    }
+
+    /// From the pixel that is [`REACH`](Self::REACH) pixels before (`x`, `y`), in rows and columns, on.
+    fn from(&self, x: u32, y: u32) -> &[f32] {
+        &self.nearest[(y - self.y0) as usize * self.across + x as usize..]
     }
 }

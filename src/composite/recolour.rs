@@ -43,6 +43,9 @@ impl LayerSource for Recoloured<'_> {
         if let Some(most) = self.max_layers {
             tile = first_layers(tile, self.samples(), most);
         }
+        if self.opacity == 1.0 && self.cut == CutColour::Cutter {
+            return tile;
+        }
         for boundary in &mut tile.boundaries {
             boundary.opacity *= self.opacity;
             if boundary.leaf != boundary.body {

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::Picture;
-use super::lighting::{Batch, LANES, Look, Rows, Shader};
+use super::lighting::{Batch, Look, Rows, Shader};
 use crate::layers::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE};
 use crate::space::{Camera, PixelRect};
 
@@ -93,20 +93,22 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
     let mut batch = Batch::default();
     // Of all boundaries, where some pixels need more than one.
     let mut lit: Option<Vec<[f32; 4]>> = None;
+    let across = tile.rect.width() as usize;
     for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
-        for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
-            let boundaries = tile.at(x, y);
+        let offsets = &tile.offsets[row * across..=(row + 1) * across];
+        for ((column, x), of_pixel) in (tile.rect.x0..tile.rect.x1).enumerate().zip(offsets.windows(2)) {
+            let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
+            let boundaries = &tile.boundaries[of_pixel.clone()];
             let Some(first) = boundaries.first() else { continue };
             covered += 1;
-            let index = row * tile.rect.width() as usize + column;
+            let index = row * across + column;
             if first.samples & all == all && first.opacity >= 1.0 {
                 batch.push(index, shader.centre_of(x, y), first, 1.0);
-                if batch.len == LANES {
+                if batch.is_full() {
                     shader.light(&mut batch, &mut pixels);
                 }
             } else {
                 let lit = lit.get_or_insert_with(|| shader.lit_tile(tile, usize::MAX, &[]));
-                let of_pixel = tile.offsets[index] as usize..tile.offsets[index + 1] as usize;
                 pixels[index] = if samples == 1 {
                     blend_one(&lit[of_pixel], background)
                 } else {

@@ -11,15 +11,19 @@
 //! so it is computed on a coarse grid and interpolated. Lookups are bilinear in premultiplied colour, or the border of a
 //! surface would be jagged. Surfaces at the two places are lit where they are, not where they are drawn.
 
-use glam::Vec2;
+use fearless_simd::Level;
+use fearless_simd::prelude::*;
+use glam::{Vec2, Vec4};
 
 use super::Look;
 use super::layered::{Composed, Gathered, Inks, from_strips};
 use super::lighting::Shader;
 use super::noise::Perlin;
 use super::picture::Picture;
+use super::shaded::over;
 use super::shadow::Shadows;
 use super::strip::Strip;
+use super::window::{Bounds, Tap, Window};
 use crate::layers::LayerSource;
 use crate::scene::style::{SketchSettings, Style};
 use crate::space::PixelRect;
@@ -28,6 +32,8 @@ use crate::space::PixelRect;
 pub(crate) const NOISE_GRID_PX: u32 = 8;
 /// The second value of the noise is the same noise this far away, in wavelengths.
 const SECOND_VALUE: Vec2 = Vec2::new(57.3, 131.7);
+/// A position of the largest picture is off by less than this, rounded to 32 bits.
+const ROUNDING_PX: f32 = 0.125;
 
 /// Draws the layers of `source` sketchily. `heavy` says by leaf whether its outline is drawn stronger; `shadows` fall
 /// on its surfaces.
@@ -48,41 +54,101 @@ pub(super) fn sketchy(
         let suns = inks.suns(strip, 0..strip.tiles.len(), shadows, source);
         inks.of_strip(strip, &shader, samples, &suns)
     };
+    let level = Level::new();
     from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index| {
         let rect = strip.tiles[index].rect;
-        let area = rect.area();
         let covered = strip.tiles[index].offsets.windows(2).filter(|w| w[0] < w[1]).count() as u64;
         if strip.around(index).all(|tile| strip.is_empty(tile)) {
+            let area = rect.area();
             return Composed { pixels: vec![look.background; area], depth: vec![f32::INFINITY; area], covered };
         }
-        let window = Window::new(strip, index, hand.reach_px(), samples, surfaces, inks.most, false);
-        let offsets = hand.offsets(rect);
-        let (mut pixels, mut depth) = (Vec::with_capacity(area), Vec::with_capacity(area));
-        for (pixel, &[edge, shade]) in offsets.iter().enumerate() {
-            let x = rect.x0 + pixel as u32 % rect.width();
-            let y = rect.y0 + pixel as u32 / rect.width();
+        let offsets = hand.offsets(level, rect);
+        let window = Window::new(strip, index, offsets.bounds, samples, surfaces, inks.most, false);
+        let drawn = fearless_simd::dispatch!(level, simd => simd.vectorize(
+            #[inline(always)]
+            || drawn(&window, &offsets, rect, &inks, look.background),
+        ));
+        let (pixels, depth) = drawn;
+        Composed { pixels, depth, covered }
+    })
+}
+
+/// The pixels of `rect` and their depths, looked up in `window`.
+#[inline(always)]
+fn drawn(
+    window: &Window,
+    offsets: &Offsets,
+    rect: PixelRect,
+    inks: &Inks,
+    background: [f32; 4],
+) -> (Vec<[f32; 4]>, Vec<f32>) {
+    let (mut pixels, mut depth) = (Vec::with_capacity(rect.area()), Vec::with_capacity(rect.area()));
+    let (nothing, _) = Gathered::new().finish(background);
+    for y in rect.y0..rect.y1 {
+        for x in rect.x0..rect.x1 {
+            let [edge, shade] = offsets.at(pixels.len());
             let at = Vec2::new(x as f32, y as f32);
             let (at_edge, at_shade) = (window.tap(at + edge), window.tap(at + shade));
-            let mut gathered = Gathered::new();
-            for layer in &window.layers {
-                let ink = at_edge.mix(&layer.ink);
-                let surface = at_shade.mix_colour(&layer.colour);
-                if ink > 0.0 || surface[3] > 0.0 {
-                    let nearer = layer.depth[at_edge.nearest].min(layer.depth[at_shade.nearest]);
-                    gathered.add(&inks, ink, nearer, surface, nearer);
-                    if gathered.is_opaque() {
-                        break;
-                    }
-                } else {
-                    gathered.add(&inks, 0.0, f32::INFINITY, [0.0; 4], f32::INFINITY);
-                }
-            }
-            let (colour, z) = gathered.finish(look.background);
+            let (deepest, lined) = (window.deepest(&at_shade), window.lined(&at_edge));
+            let (colour, z) = if deepest == 0 && lined == 0 {
+                (nothing, f32::INFINITY)
+            } else if lined == 0 {
+                bare(window, &at_edge, &at_shade, deepest, background)
+            } else {
+                inked(window, &at_edge, &at_shade, deepest.max(lined), inks, background)
+            };
             pixels.push(colour);
             depth.push(z);
         }
-        Composed { pixels, depth, covered }
-    })
+    }
+    (pixels, depth)
+}
+
+/// A pixel of `layers` layers, and its depth.
+#[inline(never)]
+fn inked(
+    window: &Window,
+    at_edge: &Tap,
+    at_shade: &Tap,
+    layers: usize,
+    inks: &Inks,
+    background: [f32; 4],
+) -> ([f32; 4], f32) {
+    let surfaces = window.surfaces(at_shade);
+    let mut gathered = Gathered::new();
+    for layer in 0..layers {
+        let (ink, surface) = (window.ink(at_edge, layer), window.colour(&surfaces, layer));
+        if ink > 0.0 || surface.w > 0.0 {
+            let nearer = window.depth(at_edge, layer).min(window.depth(at_shade, layer));
+            gathered.add(inks, ink, nearer, surface.to_array(), nearer);
+            if gathered.is_opaque() {
+                break;
+            }
+        } else {
+            gathered.add(inks, 0.0, f32::INFINITY, [0.0; 4], f32::INFINITY);
+        }
+    }
+    gathered.finish(background)
+}
+
+/// A pixel of which no line is looked up: what [`Gathered`] makes of it, which adds zeros for ink.
+#[inline(always)]
+fn bare(window: &Window, at_edge: &Tap, at_shade: &Tap, layers: usize, background: [f32; 4]) -> ([f32; 4], f32) {
+    let surfaces = window.surfaces(at_shade);
+    let (mut light, mut through, mut depth) = (Vec4::ZERO, 1.0, f32::INFINITY);
+    for layer in 0..layers {
+        let surface = window.colour(&surfaces, layer);
+        let alpha = surface.w;
+        if depth == f32::INFINITY && alpha > 0.0 {
+            depth = window.depth(at_edge, layer).min(window.depth(at_shade, layer));
+        }
+        light += through * surface;
+        through *= 1.0 - alpha;
+        if through <= 0.0 {
+            break;
+        }
+    }
+    (over(light.truncate().to_array(), through, background), depth)
 }
 
 /// How far each pixel's lookups are off.
@@ -104,195 +170,152 @@ impl Hand {
     }
 
     /// The offsets in pixels of the edge and the shade lookup, for a noise value.
+    #[cfg(feature = "gpu")]
     fn turned(&self, noise: Vec2) -> [Vec2; 2] {
-        [self.settings.edge_px, self.settings.shade_px].map(|rows| {
-            let offset = Vec2::new(Vec2::from(rows[0]).dot(noise), Vec2::from(rows[1]).dot(noise));
-            offset.clamp_length_max(SketchSettings::MOST_OFFSET_PX)
-        })
+        self.matrices().map(|matrix| held(times(matrix, noise)))
+    }
+
+    /// Of the edge and of the shade lookup.
+    fn matrices(&self) -> [[[f32; 2]; 2]; 2] {
+        [self.settings.edge_px, self.settings.shade_px]
     }
 
     /// The longest offset, in pixels.
+    #[cfg(feature = "gpu")]
     pub fn reach_px(&self) -> u32 {
         let corners = [Vec2::ONE, Vec2::new(1.0, -1.0)];
         let longest = corners.into_iter().flat_map(|noise| self.turned(noise)).map(Vec2::length).fold(0.0, f32::max);
         longest.ceil() as u32
     }
 
-    /// For each pixel of `rect`, row by row: the offsets of its edge and its shade lookup, in pixels.
-    pub fn offsets(&self, rect: PixelRect) -> Vec<[Vec2; 2]> {
+    /// How far the lookups of the pixels of `rect` are off.
+    pub(super) fn offsets(&self, level: Level, rect: PixelRect) -> Offsets {
         // Grid points lie at the same pixels whatever the tile.
         let first = |at: u32| at / NOISE_GRID_PX;
         let last = |end: u32| (end - 1) / NOISE_GRID_PX + 1;
         let (gx0, gy0, gx1, gy1) = (first(rect.x0), first(rect.y0), last(rect.x1), last(rect.y1));
-        let across = (gx1 - gx0 + 1) as usize;
-        let mut grid = Vec::with_capacity(across * (gy1 - gy0 + 1) as usize);
+        let mut grid = Grid { x0: gx0, y0: gy0, across: (gx1 - gx0 + 1) as usize, noise: Vec::new() };
         for gy in gy0..=gy1 {
             for gx in gx0..=gx1 {
-                grid.push(self.noise_at(Vec2::new((gx * NOISE_GRID_PX) as f32, (gy * NOISE_GRID_PX) as f32)));
+                grid.noise.push(self.noise_at(Vec2::new((gx * NOISE_GRID_PX) as f32, (gy * NOISE_GRID_PX) as f32)));
             }
         }
-        let mut offsets = Vec::with_capacity(rect.area());
-        for y in rect.y0..rect.y1 {
-            let row = (y / NOISE_GRID_PX - gy0) as usize * across;
-            let v = (y % NOISE_GRID_PX) as f32 / NOISE_GRID_PX as f32;
-            for x in rect.x0..rect.x1 {
-                let at = row + (x / NOISE_GRID_PX - gx0) as usize;
-                let u = (x % NOISE_GRID_PX) as f32 / NOISE_GRID_PX as f32;
-                let top = grid[at].lerp(grid[at + 1], u);
-                let bottom = grid[at + across].lerp(grid[at + across + 1], u);
-                offsets.push(self.turned(top.lerp(bottom, v)));
-            }
-        }
+        let mut offsets =
+            Offsets { x: [Vec::new(), Vec::new()], y: [Vec::new(), Vec::new()], bounds: self.bounds(&grid, rect) };
+        offsets.x.iter_mut().chain(&mut offsets.y).for_each(|along| along.reserve(rect.area()));
+        fearless_simd::dispatch!(level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.interpolate(&grid, rect, &mut offsets),
+        ));
         offsets
     }
-}
 
-/// One layer over a tile and what lies around it.
-pub(super) struct LayerWindow {
-    /// Premultiplied.
-    pub colour: Vec<[f32; 4]>,
-    pub ink: Vec<f32>,
-    /// Of the surface or the line; +∞ where there is neither.
-    pub depth: Vec<f32>,
-}
-
-/// The layers of a tile and of the pixels within reach of it.
-pub(super) struct Window {
-    /// Of its first pixel; may lie outside of the picture.
-    x0: i32,
-    y0: i32,
-    across: usize,
-    pub layers: Vec<LayerWindow>,
-}
-
-/// Where four pixels meet, by what shares.
-pub(super) struct Tap {
-    corner: usize,
-    across: usize,
-    shares: [f32; 4],
-    pub nearest: usize,
-}
-
-impl Tap {
-    #[inline]
-    fn corners(&self) -> [usize; 4] {
-        [self.corner, self.corner + 1, self.corner + self.across, self.corner + self.across + 1]
-    }
-
-    #[inline]
-    pub fn mix(&self, of: &[f32]) -> f32 {
-        self.corners().iter().zip(self.shares).map(|(&i, share)| share * of[i]).sum()
-    }
-
-    #[inline]
-    pub fn mix_colour(&self, of: &[[f32; 4]]) -> [f32; 4] {
-        let mut mixed = [0.0; 4];
-        for (i, share) in self.corners().into_iter().zip(self.shares) {
-            (0..4).for_each(|c| mixed[c] += share * of[i][c]);
-        }
-        mixed
-    }
-}
-
-impl Window {
-    /// Around tile `index`, `reach` pixels in each direction; `surfaces` are those of all tiles of the strip, `most` layers of
-    /// them.
-    /// `repeated` says in which layers lines are.
-    pub fn new(
-        strip: &Strip,
-        index: usize,
-        reach: u32,
-        samples: u32,
-        surfaces: &[Vec<[f32; 4]>],
-        most: usize,
-        repeated: bool,
-    ) -> Self {
-        let rect = strip.tiles[index].rect;
-        // One more for the second of two pixels that a lookup lies between.
-        let reach = reach as i32 + 1;
-        let (x0, y0) = (rect.x0 as i32 - reach, rect.y0 as i32 - reach);
-        let across = (rect.width() as i32 + 2 * reach) as usize;
-        let down = (rect.height() as i32 + 2 * reach) as usize;
-        let mut window = Self { x0, y0, across, layers: Vec::new() };
-        for near in strip.around(index) {
-            let tile = &strip.tiles[near];
-            let clip = |at: u32, low: i32, len: usize| (at as i32).clamp(low, low + len as i32) as u32;
-            let (cx0, cx1) = (clip(tile.rect.x0, x0.max(0), across), clip(tile.rect.x1, x0, across));
-            let (cy0, cy1) = (clip(tile.rect.y0, y0.max(0), down), clip(tile.rect.y1, y0, down));
-            if cx0 >= cx1 || cy0 >= cy1 {
-                continue;
+    /// The pixels that lookups from `rect` can meet.
+    fn bounds(&self, grid: &Grid, rect: PixelRect) -> Bounds {
+        // Between grid points offsets lie between theirs, and a long one that is held is on its way to none at all.
+        let (mut low, mut high) = (Vec2::ZERO, Vec2::ZERO);
+        for noise in &grid.noise {
+            for matrix in self.matrices() {
+                let offset = times(matrix, *noise);
+                (low, high) = (low.min(offset), high.max(offset));
             }
-            let surfaces = &surfaces[near];
-            for y in cy0..cy1 {
-                for x in cx0..cx1 {
-                    let pixel = ((y - tile.rect.y0) * tile.rect.width() + (x - tile.rect.x0)) as usize;
-                    let place = (y as i32 - y0) as usize * across + (x as i32 - x0) as usize;
-                    let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-                    let mut seen = [0u16; crate::layers::MAX_SAMPLES as usize];
-                    for index in of_pixel {
-                        let boundary = &tile.boundaries[index];
-                        let [r, g, b, a] = surfaces[index];
-                        // A boundary may be the k-th of one sample and another of the next.
-                        for sample in (0..samples).filter(|s| boundary.samples >> s & 1 == 1) {
-                            let layer = &mut seen[sample as usize];
-                            if usize::from(*layer) >= most {
-                                continue;
-                            }
-                            let share = a / samples as f32;
-                            let of_layer = window.layer(usize::from(*layer), down);
-                            let colour = &mut of_layer.colour[place];
-                            for (sum, c) in colour.iter_mut().zip([r, g, b, 1.0]) {
-                                *sum += share * c;
-                            }
-                            of_layer.depth[place] = of_layer.depth[place].min(boundary.depth);
-                            *layer += 1;
+        }
+        let along = |first: u32, end: u32, low: f32, high: f32| {
+            // Two pixels are met, of which the second comes after the position's whole part.
+            let (low, high) = (first as f32 + low - ROUNDING_PX, (end - 1) as f32 + high + ROUNDING_PX);
+            (low.floor() as i32, high.floor() as i32 + 2)
+        };
+        Bounds { x: along(rect.x0, rect.x1, low.x, high.x), y: along(rect.y0, rect.y1, low.y, high.y) }
+    }
+
+    /// Appends the offsets of the pixels of `rect`, eight at a time: those between the same grid points.
+    #[inline(always)]
+    fn interpolate(&self, grid: &Grid, rect: PixelRect, offsets: &mut Offsets) {
+        const CELL: usize = NOISE_GRID_PX as usize;
+        const STEPS: [f32; CELL] = {
+            let mut steps = [0.0; CELL];
+            let mut i = 0;
+            while i < CELL {
+                steps[i] = i as f32 / CELL as f32;
+                i += 1;
+            }
+            steps
+        };
+        for y in rect.y0..rect.y1 {
+            let v = STEPS[(y % NOISE_GRID_PX) as usize];
+            for (cell, [top, bottom]) in grid.cells(y).enumerate() {
+                let x0 = (grid.x0 + cell as u32) * NOISE_GRID_PX;
+                let (from, to) = (rect.x0.max(x0) - x0, rect.x1.min(x0 + NOISE_GRID_PX) - x0);
+                let (mut n_x, mut n_y) = ([0.0; CELL], [0.0; CELL]);
+                for i in 0..CELL {
+                    let u = STEPS[i];
+                    let noise = top[0].lerp(top[1], u).lerp(bottom[0].lerp(bottom[1], u), v);
+                    (n_x[i], n_y[i]) = (noise.x, noise.y);
+                }
+                for (matrix, k) in self.matrices().into_iter().zip(0..) {
+                    let (mut o_x, mut o_y, mut longest) = ([0.0; CELL], [0.0; CELL], 0.0_f32);
+                    for i in 0..CELL {
+                        let offset = times(matrix, Vec2::new(n_x[i], n_y[i]));
+                        (o_x[i], o_y[i]) = (offset.x, offset.y);
+                        longest = longest.max(offset.length_squared());
+                    }
+                    if longest > SketchSettings::MOST_OFFSET_PX * SketchSettings::MOST_OFFSET_PX {
+                        for i in 0..CELL {
+                            let held = held(Vec2::new(o_x[i], o_y[i]));
+                            (o_x[i], o_y[i]) = (held.x, held.y);
                         }
                     }
+                    offsets.x[k].extend_from_slice(&o_x[from as usize..to as usize]);
+                    offsets.y[k].extend_from_slice(&o_y[from as usize..to as usize]);
                 }
             }
         }
-        // Lines of all tiles around, over the part of the window that the picture has.
-        let near: Vec<PixelRect> = strip.around(index).map(|near| strip.tiles[near].rect).collect();
-        let (first, last) = (near[0], near[near.len() - 1]);
-        let seen = PixelRect {
-            x0: first.x0.max(x0.max(0) as u32),
-            y0: first.y0.max(y0.max(0) as u32),
-            x1: last.x1.min((x0 + across as i32) as u32),
-            y1: last.y1.min((y0 + down as i32) as u32),
-        };
-        let lines = strip.lines(index, seen, repeated);
-        for layer in 0..lines.len() {
-            let Some(map) = lines.layer(layer) else { continue };
-            let of_layer = window.layer(layer, down);
-            for (pixel, &ink) in map.ink.iter().enumerate().filter(|(_, ink)| **ink > 0.0) {
-                let (x, y) = (seen.x0 + pixel as u32 % seen.width(), seen.y0 + pixel as u32 / seen.width());
-                let place = (y as i32 - y0) as usize * across + (x as i32 - x0) as usize;
-                of_layer.ink[place] = ink;
-                of_layer.depth[place] = of_layer.depth[place].min(map.depth[pixel]);
-            }
-        }
-        window
     }
+}
 
-    fn layer(&mut self, layer: usize, down: usize) -> &mut LayerWindow {
-        let area = self.across * down;
-        while self.layers.len() <= layer {
-            self.layers.push(LayerWindow {
-                colour: vec![[0.0; 4]; area],
-                ink: vec![0.0; area],
-                depth: vec![f32::INFINITY; area],
-            });
-        }
-        &mut self.layers[layer]
-    }
+/// The noise at grid points.
+struct Grid {
+    /// Of the first of them.
+    x0: u32,
+    y0: u32,
+    across: usize,
+    noise: Vec<Vec2>,
+}
 
-    /// The pixels around a position, in pixel indices: whole numbers are pixels' middles.
-    pub fn tap(&self, at: Vec2) -> Tap {
-        let low = at.floor();
-        let (u, v) = (at.x - low.x, at.y - low.y);
-        let corner = (low.y as i32 - self.y0) as usize * self.across + (low.x as i32 - self.x0) as usize;
-        let nearest = corner + usize::from(u >= 0.5) + if v >= 0.5 { self.across } else { 0 };
-        let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-        Tap { corner, across: self.across, shares, nearest }
+impl Grid {
+    /// The noise at the corners of the cells that row `y` of the picture crosses: above it and below.
+    #[inline(always)]
+    fn cells(&self, y: u32) -> impl Iterator<Item = [[Vec2; 2]; 2]> {
+        let row = (y / NOISE_GRID_PX - self.y0) as usize * self.across;
+        let (above, below) = (&self.noise[row..row + self.across], &self.noise[row + self.across..][..self.across]);
+        above.windows(2).zip(below.windows(2)).map(|(top, bottom)| [[top[0], top[1]], [bottom[0], bottom[1]]])
     }
+}
+
+/// How far the lookups of a rectangle's pixels are off, row by row.
+pub(super) struct Offsets {
+    /// Of the edge and of the shade lookup, in pixels.
+    x: [Vec<f32>; 2],
+    y: [Vec<f32>; 2],
+    /// The pixels that they meet.
+    pub bounds: Bounds,
+}
+
+impl Offsets {
+    /// The offsets of the edge and the shade lookup of pixel number `pixel`.
+    #[inline(always)]
+    pub fn at(&self, pixel: usize) -> [Vec2; 2] {
+        [0, 1].map(|k| Vec2::new(self.x[k][pixel], self.y[k][pixel]))
+    }
+}
+
+/// `noise` turned by a matrix, given by its rows.
+#[inline(always)]
+fn times(rows: [[f32; 2]; 2], noise: Vec2) -> Vec2 {
+    Vec2::new(Vec2::from(rows[0]).dot(noise), Vec2::from(rows[1]).dot(noise))
+}
+
+/// An offset no longer than the strips of tiles allow.
+fn held(offset: Vec2) -> Vec2 {
+    offset.clamp_length_max(SketchSettings::MOST_OFFSET_PX)
 }

@@ -122,12 +122,11 @@ fn strokes(
     is_drawn: &(dyn Fn(&Stroke) -> bool + Sync),
 ) -> Vec<Vec<Stroke>> {
     debug_assert!(reach_px(settings) < TILE_SIDE as f32);
-    let tiles: Vec<&LayerTile> = tiles.iter().collect();
-    let facets = FacetStrip::new(&tiles, camera, samples);
+    let facets = FacetStrip::new(tiles, camera, samples);
     let detector = Detector::new(&facets, settings, heavy);
-    let count = facets.len();
+    let count = tiles.len();
     let points = (0..count).into_par_iter().map(|index| detector.tile(index)).collect();
-    let edges = EdgeStrip { across: facets.across, rects: (0..count).map(|i| facets.rect(i)).collect(), tiles: points };
+    let edges = EdgeStrip { across: facets.across, rects: tiles.iter().map(|tile| tile.rect).collect(), tiles: points };
     let of_tile = |index| {
         let mut strokes = edges.strokes(index, settings);
         strokes.retain(is_drawn);

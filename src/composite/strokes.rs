@@ -69,76 +69,92 @@ pub(super) struct EdgeStrip {
 }
 
 impl EdgeStrip {
-    /// The points between pixel (`x`, `y`) and those to its right and below it; none outside of the strip.
-    #[inline]
-    fn at(&self, x: u32, y: u32) -> &[EdgePoint] {
+    /// Calls `visit` with the points between pixels of the strip at most [`NEAR_PX`] away from (`x`, `y`), row by row.
+    #[inline(always)]
+    fn each_near(&self, x: u32, y: u32, mut visit: impl FnMut(&EdgePoint)) {
         let (first, last) = (self.rects[0], self.rects[self.rects.len() - 1]);
-        if x >= last.x1 || y < first.y0 || y >= last.y1 {
-            return &[];
+        let (x0, x1) = (x.saturating_sub(NEAR_PX), (x + NEAR_PX + 1).min(last.x1));
+        let (y0, y1) = (y.saturating_sub(NEAR_PX).max(first.y0), (y + NEAR_PX + 1).min(last.y1));
+        for row in y0..y1 {
+            let of_row = ((row - first.y0) / TILE_SIDE) as usize * self.across;
+            for column in x0 / TILE_SIDE..=(x1 - 1) / TILE_SIDE {
+                let (tile, rect) = (&self.tiles[of_row + column as usize], &self.rects[of_row + column as usize]);
+                if tile.offsets.is_empty() {
+                    continue;
+                }
+                // The points of a tile's row lie side by side.
+                let begin = ((row - rect.y0) * rect.width()) as usize;
+                let from = tile.offsets[begin + (x0.max(rect.x0) - rect.x0) as usize];
+                let to = tile.offsets[begin + (x1.min(rect.x1) - rect.x0) as usize];
+                tile.points[from as usize..to as usize].iter().for_each(&mut visit);
+            }
         }
-        let index = ((y - first.y0) / TILE_SIDE) as usize * self.across + (x / TILE_SIDE) as usize;
-        let (tile, rect) = (&self.tiles[index], &self.rects[index]);
-        if tile.offsets.is_empty() {
-            return &[];
-        }
-        let pixel = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
-        &tile.points[tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize]
     }
 
     /// The strokes of tile `index`.
     pub fn strokes(&self, index: usize, settings: &LineSettings) -> Vec<Stroke> {
         let (tile, rect) = (&self.tiles[index], &self.rects[index]);
         let mut strokes = Vec::with_capacity(tile.points.len());
-        let mut near = Vec::new();
-        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
-            if of_pixel[0] == of_pixel[1] {
+        let mut alike = Vec::new();
+        for (row, y) in (rect.y0..rect.y1).enumerate() {
+            let across = rect.width() as usize;
+            let Some(offsets) = tile.offsets.get(row * across..=(row + 1) * across) else { break };
+            if offsets[0] == offsets[across] {
                 continue;
             }
-            let (x, y) = (rect.x0 + pixel as u32 % rect.width(), rect.y0 + pixel as u32 / rect.width());
-            for point in &tile.points[of_pixel[0] as usize..of_pixel[1] as usize] {
-                near.clear();
-                let overlaps = |other: &&EdgePoint| other.layer < point.until && point.layer < other.until;
-                let (first, last) = (x.saturating_sub(NEAR_PX), x + NEAR_PX);
-                for row in y.saturating_sub(NEAR_PX)..=y + NEAR_PX {
-                    let within = x >= rect.x0 + NEAR_PX && last < rect.x1;
-                    if within && row >= rect.y0 && row < rect.y1 {
-                        // The points of a tile's row lie side by side.
-                        let pixel = ((row - rect.y0) * rect.width() + (first - rect.x0)) as usize;
-                        let of_row =
-                            tile.offsets[pixel] as usize..tile.offsets[pixel + 2 * NEAR_PX as usize + 1] as usize;
-                        near.extend(tile.points[of_row].iter().filter(overlaps));
-                    } else {
-                        (first..=last).for_each(|column| near.extend(self.at(column, row).iter().filter(overlaps)));
+            for (x, of_pixel) in (rect.x0..).zip(offsets.windows(2)) {
+                for point in &tile.points[of_pixel[0] as usize..of_pixel[1] as usize] {
+                    alike.clear();
+                    let mut near = 0;
+                    self.each_near(x, y, |other| {
+                        if other.layer < point.until && point.layer < other.until {
+                            near += 1;
+                            alike.extend(Alike::new(other, point));
+                        }
+                    });
+                    // Itself is one of them.
+                    if near > FEWEST_NEIGHBOURS {
+                        strokes.extend(stroke(point, &alike, settings));
                     }
                 }
-                strokes.extend(stroke(point, &near, settings));
             }
         }
         strokes
     }
 }
 
-/// The stroke at `point`, whose neighbours, itself among them, are `near`; `None` for a speck.
-fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Option<Stroke> {
-    if near.len() <= FEWEST_NEIGHBOURS {
-        return None;
+/// A neighbour that takes part in smoothing.
+#[derive(Clone, Copy)]
+struct Alike {
+    at: Vec2,
+    across: Vec2,
+    weight: f32,
+}
+
+impl Alike {
+    /// `other` as a neighbour of `point`, if it is of its kind and near enough to count.
+    #[inline(always)]
+    fn new(other: &EdgePoint, point: &EdgePoint) -> Option<Self> {
+        let left = (1.0 - other.at.distance_squared(point.at) / (WEIGHT_ENDS_PX * WEIGHT_ENDS_PX)).max(0.0);
+        let weight = left * left;
+        (other.kind == point.kind && weight > 0.0).then_some(Self { at: other.at, across: other.across, weight })
     }
-    let weight = |p: &EdgePoint| {
-        let left = (1.0 - p.at.distance_squared(point.at) / (WEIGHT_ENDS_PX * WEIGHT_ENDS_PX)).max(0.0);
-        left * left
-    };
-    let alike = |p: &&EdgePoint| p.kind == point.kind;
+}
+
+/// The stroke at `point`, of whose neighbours those that are `alike`, itself among them, take part; `None` where they have no
+/// direction.
+fn stroke(point: &EdgePoint, alike: &[Alike], settings: &LineSettings) -> Option<Stroke> {
     // The direction: of the surfaces where they know it, else of the points.
     let mut across = if point.across == Vec2::ZERO {
         let (mut sum, mut middle) = (0.0, Vec2::ZERO);
-        for p in near.iter().filter(alike) {
-            sum += weight(p);
-            middle += weight(p) * p.at;
+        for p in alike {
+            sum += p.weight;
+            middle += p.weight * p.at;
         }
         middle /= sum;
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for p in near.iter().filter(alike) {
-            let (w, d) = (weight(p), p.at - middle);
+        for p in alike {
+            let (w, d) = (p.weight, p.at - middle);
             (xx, xy, yy) = (xx + w * d.x * d.x, xy + w * d.x * d.y, yy + w * d.y * d.y);
         }
         // Half the angle of (xx − yy, 2 xy) is the longer axis; across it is a quarter turn on.
@@ -150,17 +166,15 @@ fn stroke(point: &EdgePoint, near: &[EdgePoint], settings: &LineSettings) -> Opt
     } else {
         point.across
     };
-    let same_way = |p: &EdgePoint| {
-        (p.across == Vec2::ZERO || p.across.dot(across).abs() > SAME_WAY)
-            && across.dot(p.at - point.at).abs() < SAME_LINE_PX
-    };
     let (mut sum, mut aside, mut mean) = (0.0, 0.0, Vec2::ZERO);
-    for p in near.iter().filter(alike).filter(|p| same_way(p)) {
-        let w = weight(p);
-        sum += w;
-        aside += w * across.dot(p.at - point.at);
-        let side = if p.across.dot(across) < 0.0 { -1.0 } else { 1.0 };
-        mean += w * side * p.across;
+    for p in alike {
+        let (turned, off) = (p.across.dot(across), across.dot(p.at - point.at));
+        if (p.across == Vec2::ZERO || turned.abs() > SAME_WAY) && off.abs() < SAME_LINE_PX {
+            sum += p.weight;
+            aside += p.weight * off;
+            let side = if turned < 0.0 { -1.0 } else { 1.0 };
+            mean += p.weight * side * p.across;
+        }
     }
     // The point itself is one of them, so there is a mean. Along a straight line this moves nothing but the points off it.
     if point.across != Vec2::ZERO {

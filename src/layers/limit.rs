@@ -44,13 +44,16 @@ impl Depths {
 /// The nearest `most` boundaries that each of `samples` samples sees.
 pub fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
     let most = most as usize;
+    if samples <= 1 {
+        return first_boundaries(tile, most);
+    }
     let mut kept = Vec::with_capacity(tile.boundaries.len());
     let mut from = 0;
     for pixel in 1..tile.offsets.len() {
         let to = tile.offsets[pixel] as usize;
         let boundaries = &tile.boundaries[from..to];
-        if boundaries.len() <= most || samples <= 1 {
-            kept.extend_from_slice(&boundaries[..boundaries.len().min(most)]);
+        if boundaries.len() <= most {
+            kept.extend_from_slice(boundaries);
         } else {
             let mut depths = Depths::new(samples);
             for boundary in boundaries {
@@ -65,6 +68,26 @@ pub fn first_layers(mut tile: LayerTile, samples: u32, most: u32) -> LayerTile {
         tile.offsets[pixel] = kept.len() as u32;
     }
     tile.boundaries = kept;
+    tile
+}
+
+/// The nearest `most` boundaries of every pixel, moved up within the tile.
+fn first_boundaries(mut tile: LayerTile, most: usize) -> LayerTile {
+    // Boundaries that are kept up to the pixel; of them those from `from` on are not yet in their place.
+    let (mut kept, mut from, mut begin) = (0, 0, 0);
+    for pixel in 1..tile.offsets.len() {
+        let end = tile.offsets[pixel] as usize;
+        if end - begin > most {
+            let run = from..begin + most;
+            tile.boundaries.copy_within(run.clone(), kept);
+            kept += run.len();
+            from = end;
+        }
+        begin = end;
+        tile.offsets[pixel] = (kept + (end - from)) as u32;
+    }
+    tile.boundaries.copy_within(from..begin, kept);
+    tile.boundaries.truncate(kept + (begin - from));
     tile
 }
 

@@ -19,7 +19,7 @@ const MOST_FAR_SIDES_IN_1000: usize = 2;
 /// Pixels covered, and those whose nearest surface faces away, of a torus scanned with noise and without normals.
 fn far_sides(limit: LayerLimit) -> (usize, usize) {
     let torus = Solid::Torus { centre: DVec3::ZERO, axis: DVec3::Z, radius: 1.0, tube: 0.3 };
-    let options = ScanOptions::regular(20_000, 7).sampled(Sampling::Random).noisy(0.2, 0.0).without_normals();
+    let options = ScanOptions::regular(20_000, 7).sampled(Sampling::Poisson).noisy(0.2, 0.0).without_normals();
     let cloud = scan(&torus, &options).unwrap();
     let surfels = from_cloud(cloud, DAffine3::IDENTITY, &CloudOptions::default(), &|_| ()).unwrap().0;
     let model = Model::new(&tree("a"), vec![LeafField::new(surfels, None, LeafKind::Solid)], looks(1));

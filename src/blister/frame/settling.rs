@@ -124,6 +124,7 @@ impl Settling {
                 wanted: wanted & !done,
                 has_sheets: false,
                 is_plain: true,
+                ends: true,
                 is_partial: true,
                 floor,
                 ceiling: self.ceiling(),

@@ -7,7 +7,7 @@
 use super::facets::{Facets, with_facets};
 use super::recolour::with_marks;
 use super::view::{self, Band};
-use crate::composite::edges::{CURVED_SHARE, FULL_CREASE, PEAK, SHARP_COS, SLACK, SMOOTH_COS, SUSPICIOUS_SHARE};
+use crate::composite::edges::{CURVED_SHARE, FULL_CREASE, PEAK, SHARP_COS, SLACK, SMOOTH_COS, crease_limits};
 use crate::gpu::shader::Shader;
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::gpu_struct;
@@ -75,11 +75,11 @@ const IS_SILHOUETTE: u32 = 8;
 impl LineRules {
     /// Of `style`, whose lines are `width_px` wide and ink pixels up to `window` away.
     pub fn new(style: &Style, width_px: f32, window: u32) -> Self {
-        let crease = style.lines.crease_degrees.to_radians();
+        let (crease, least_cos) = crease_limits(style.lines.crease_degrees);
         Self {
             jump_px: style.lines.jump_px,
-            least_cos: (SUSPICIOUS_SHARE * crease).cos(),
-            crease: 2.0 * (0.5 * crease).sin(),
+            least_cos,
+            crease,
             width_px,
             dash: style.lines.hidden_dash_px.unwrap_or_default(),
             is_dashed: u32::from(style.lines.hidden_dash_px.is_some()),
