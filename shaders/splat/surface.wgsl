@@ -99,20 +99,32 @@ fn trace(thread: Thread) {
         run.leaf = leaf;
         for (var list = 0u; list < LISTS; list++) {
             run.first[list] = at[list];
-            run.end[list] = leaf_begins(leaf + 1u, at[list], list_end[list]);
+            run.end[list] = run_ends(leaf, at[list], list_end[list]);
             at[list] = run.end[list];
         }
-        // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at.
-        for (var list = 0u; list < LISTS; list++) {
-            let front = list == 0u;
-            detect(ray, run.first[list], run.end[list], hidden_from);
-            var group = select(leaving, entering, front);
+        // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at. Last come
+        // those that were dropped and are crossings.
+        for (var turn = 0u; turn < select(LISTS, LISTS + 1u, takes_turns(leaf)); turn++) {
+            var group = NONE;
+            if turn < LISTS {
+                detect(ray, run.first[turn], run.end[turn], hidden_from);
+                group = select(leaving, entering, turn == 0u);
+            } else {
+                hidden_from = put_in_turn(ray, leaf, pixel, hidden_from);
+                group = groups_needed;
+                // Given back with the others.
+                entering = groups_needed;
+            }
             while group != NONE {
-                hidden_from = resolve(ray, run, group, front, false, pixel, hidden_from);
+                let front = turn == 0u || (turn == LISTS && group_enters(group));
+                hidden_from = resolve(ray, run, group, front, turn == LISTS, pixel, hidden_from);
                 group = groups[group].next;
             }
         }
-        hidden_from = put_in_turn(ray, run, pixel, hidden_from);
+        give_back(entering);
+        give_back(leaving);
+        entering = NONE;
+        leaving = NONE;
     }
     check_loops();
 }

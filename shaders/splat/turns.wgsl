@@ -1,19 +1,18 @@
 // The twin of src/splat/turns.rs: crossings of the ray with one leaf put in turn, once all groups of the leaf are resolved.
 
-// A crossing was found from the group; a crossing would have been; the ray enters the leaf there; it is one after all. Words of
-// `Group::found`.
+// What came of a group, in bits of `Group::found`: a crossing; one that was dropped; the ray enters the leaf there.
 const FOUND: u32 = 1u;
 const DROPPED: u32 = 2u;
 const ENTERS: u32 = 4u;
-const NEEDED: u32 = 8u;
 
-// The leaf's groups that gave crossings, by depth, and those that were dropped.
+// The leaf's groups that gave crossings, by depth, those that were dropped, and of these those that are crossings.
 var<private> crossings_found: u32;
 var<private> groups_dropped: u32;
+var<private> groups_needed: u32;
 
-// Whether it is known on which side of a leaf a point far off is, without which its crossings tell nothing.
+// Whether a leaf is a solid of which is known on which side a point far off is: crossings of others tell nothing.
 fn takes_turns(leaf: u32) -> bool {
-    return tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + 1u] == FAR_WINDING;
+    return !is_sheet(leaf) && tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + 1u] == FAR_WINDING;
 }
 
 // Notes what came of a group: at depth `t` a step of one in depth takes `steepness` along the normal.
@@ -131,7 +130,24 @@ fn seen_until(pixel: u32) -> f32 {
     return FARTHEST;
 }
 
-// Takes stray crossings out of the pixel's list and marks the groups that are needed; returns from where on nothing is seen.
+// Takes the group out of those that were dropped, and puts it to those that are needed.
+fn take_up(group: u32) {
+    var before = NONE;
+    var other = groups_dropped;
+    while other != group {
+        before = other;
+        other = groups[other].next;
+    }
+    if before == NONE {
+        groups_dropped = groups[group].next;
+    } else {
+        groups[before].next = groups[group].next;
+    }
+    groups[group].next = groups_needed;
+    groups_needed = group;
+}
+
+// Takes stray crossings out of the pixel's list and takes up the groups that are needed; returns from where on nothing is seen.
 fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
     var inside = far_inside(leaf, point_at(ray, -(ray.anchor.x + ray.anchor.y)));
     var nearest = -FARTHEST;
@@ -142,7 +158,7 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
         if group_enters(group) == inside {
             let surest = surest_dropped(group, nearest);
             if surest != NONE {
-                groups[surest].found |= NEEDED;
+                take_up(surest);
             } else if is_stray(group) {
                 take_out(pixel, leaf, groups[group].t);
                 any_stray = true;
@@ -161,24 +177,19 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
     return hidden_from;
 }
 
-// Puts the crossings with a run's leaf in turn; returns the depth from which on nothing is seen.
-fn put_in_turn(ray: Ray, run: Run, pixel: u32, hidden_from: f32) -> f32 {
+// Puts the crossings with a leaf in turn but for those of the groups that are then to be resolved as crossings; returns the depth
+// from which on nothing is seen.
+fn put_in_turn(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
     var seen = hidden_from;
     crossings_found = NONE;
     groups_dropped = NONE;
+    groups_needed = NONE;
     sort_out(entering);
     sort_out(leaving);
     entering = NONE;
     leaving = NONE;
     if !are_turns_taken() || groups_dropped != NONE {
-        seen = mend(ray, run.leaf, pixel, seen);
-        var group = groups_dropped;
-        while group != NONE {
-            if (groups[group].found & NEEDED) != 0u {
-                seen = resolve(ray, run, group, group_enters(group), true, pixel, seen);
-            }
-            group = groups[group].next;
-        }
+        seen = mend(ray, leaf, pixel, seen);
     }
     give_back(crossings_found);
     give_back(groups_dropped);

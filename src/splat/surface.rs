@@ -437,7 +437,8 @@ fn resolve<S: Simd>(
                 opacities[lane] = surfel.opacity;
             }
         }
-        if field.has_steady_sides() {
+        // Of a sheet, or where no point far off has a side, crossings tell nothing of each other.
+        if field.has_steady_sides() && field.kind == LeafKind::Solid {
             let found = |lane: usize, t: f32| Found {
                 t,
                 enters: slot.front,
