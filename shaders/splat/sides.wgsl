@@ -43,26 +43,12 @@ fn leaf_begins(leaf: u32, first: u32, end: u32) -> u32 {
     return low;
 }
 
-// The end of the run of one leaf that begins at `first`: found in steps that double, since most runs are short.
-fn run_ends(leaf: u32, first: u32, end: u32) -> u32 {
-    var step = 1u;
-    var low = first;
-    while low + step <= end {
-        if leaf_at(low + step - 1u) > leaf {
-            break;
-        }
-        low += step;
-        step *= 2u;
-    }
-    return leaf_begins(leaf + 1u, low, min(low + step, end));
-}
-
 fn run_of(leaf: u32) -> Run {
     var run: Run;
     run.leaf = leaf;
     for (var list = 0u; list < LISTS; list++) {
         run.first[list] = leaf_begins(leaf, list_first[list], list_end[list]);
-        run.end[list] = run_ends(leaf, run.first[list], list_end[list]);
+        run.end[list] = leaf_begins(leaf + 1u, run.first[list], list_end[list]);
     }
     return run;
 }

@@ -99,14 +99,14 @@ fn trace(thread: Thread) {
         run.leaf = leaf;
         for (var list = 0u; list < LISTS; list++) {
             run.first[list] = at[list];
-            run.end[list] = run_ends(leaf, at[list], list_end[list]);
+            run.end[list] = leaf_begins(leaf + 1u, at[list], list_end[list]);
             at[list] = run.end[list];
         }
         // Surfaces that rays enter are found and resolved first: what they hide of the others is then not even looked at. Last come
         // those that were dropped and are crossings.
         for (var turn = 0u; turn < select(LISTS, LISTS + 1u, takes_turns(leaf)); turn++) {
             var group = NONE;
-            if turn < LISTS {
+            if turn < LISTS || TAKES_TURNS == 0u {
                 detect(ray, run.first[turn], run.end[turn], hidden_from);
                 group = select(leaving, entering, turn == 0u);
             } else {

@@ -12,7 +12,7 @@ var<private> groups_needed: u32;
 
 // Whether a leaf is a solid of which is known on which side a point far off is: crossings of others tell nothing.
 fn takes_turns(leaf: u32) -> bool {
-    return !is_sheet(leaf) && tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + 1u] == FAR_WINDING;
+    return TAKES_TURNS != 0u && !is_sheet(leaf) && tables[tables[AT_LEAVES] + leaf * LEAF_STRIDE + 1u] == FAR_WINDING;
 }
 
 // Notes what came of a group: at depth `t` a step of one in depth takes `steepness` along the normal.

@@ -120,6 +120,11 @@ impl LeafField {
         self.winding.is_some()
     }
 
+    /// Whether a ray enters and leaves it by turns, and what surfels say can be held to that.
+    pub fn takes_turns(&self) -> bool {
+        self.kind == LeafKind::Solid && self.has_steady_sides()
+    }
+
     /// How a whole ball of world space lies to this leaf; `Near` unless the surface certainly misses it.
     pub fn ball(&self, centre_in_world: DVec3, radius: f64) -> Membership {
         if self.kind == LeafKind::Sheet {

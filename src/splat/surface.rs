@@ -437,8 +437,7 @@ fn resolve<S: Simd>(
                 opacities[lane] = surfel.opacity;
             }
         }
-        // Of a sheet, or where no point far off has a side, crossings tell nothing of each other.
-        if field.has_steady_sides() && field.kind == LeafKind::Solid {
+        if field.takes_turns() {
             let found = |lane: usize, t: f32| Found {
                 t,
                 enters: slot.front,

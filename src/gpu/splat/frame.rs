@@ -199,6 +199,7 @@ impl GpuLayerSource for GpuSplatFrame<'_> {
             far: &self.model.far,
             tables: &self.model.tables,
             leaf_words,
+            takes_turns: self.model.takes_turns,
             way: Way::Fields { source: self.source.as_deref(), list_words: self.model.list_words },
         };
         let room = self.room.as_ref().unwrap_or(&self.model.room);

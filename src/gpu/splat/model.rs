@@ -103,6 +103,8 @@ pub struct GpuSplatModel {
     pub(super) leaf_words: u32,
     /// Words of a set of the expression's entries.
     pub(super) list_words: u32,
+    /// Whether crossings with any leaf are held to take turns.
+    pub(super) takes_turns: bool,
     /// What the frames before took.
     pub(super) room: Room,
 }
@@ -134,6 +136,7 @@ impl GpuSplatModel {
             exact: model.tree.leaves().into_iter().find(|leaf| model.fields[leaf.0 as usize].exact.is_some()),
             leaf_words: tables::leaf_words(model.fields.len()),
             list_words: tables::list_words(model.list.entries().len()),
+            takes_turns: model.fields.iter().any(|field| field.takes_turns()),
             room: Room::new(FIRST_ROOM),
         })
     }

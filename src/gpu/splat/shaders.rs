@@ -18,8 +18,10 @@ use crate::splat::{self, ewa, project, rows, surface, tied, turns};
 pub(in crate::gpu) fn all() -> Vec<Shader> {
     let mut all = vec![self::project(), bins::shader(), merge(), hits(), partners()];
     for (leaf_words, list_words, stack_words) in [(1, 1, 1), (4, 9, 2)] {
-        all.push(trace(leaf_words, Asked::Fields { list_words }));
-        all.push(trace(leaf_words, Asked::Partners { stack_words }));
+        for takes_turns in [false, true] {
+            all.push(trace(leaf_words, takes_turns, Asked::Fields { list_words }));
+            all.push(trace(leaf_words, takes_turns, Asked::Partners { stack_words }));
+        }
         all.push(fragment(leaf_words, stack_words));
         all.push(clip_buffer(leaf_words, stack_words));
     }
@@ -66,8 +68,9 @@ pub(super) enum Asked {
     Partners { stack_words: u32 },
 }
 
-/// Traces rays, in a scene whose sets of leaves take `leaf_words` words.
-pub(super) fn trace(leaf_words: u32, asked: Asked) -> Shader {
+/// Traces rays, in a scene whose sets of leaves take `leaf_words` words. Without `takes_turns` there is no code that puts crossings in
+/// turn: llvmpipe goes through loops that no ray wants, and counts them.
+pub(super) fn trace(leaf_words: u32, takes_turns: bool, asked: Asked) -> Shader {
     let shader = sides(Shader::new("splat trace"), leaf_words)
         .with_constant("EDGE_STEPS", surface::EDGE_STEPS)
         .with_constant("OPACITY_ROUNDING", surface::OPACITY_ROUNDING);
@@ -84,6 +87,7 @@ pub(super) fn trace(leaf_words: u32, asked: Asked) -> Shader {
             .with_text(include_str!("../../../shaders/splat/tied.wgsl")),
     };
     with_hit_list(shader)
+        .with_constant("TAKES_TURNS", u32::from(takes_turns))
         .with_constant("MOST_STRAY_IN_RADII", turns::MOST_STRAY_IN_RADII)
         .with_text(include_str!("../../../shaders/splat/turns.wgsl"))
         .with_text(include_str!("../../../shaders/splat/surface.wgsl"))

@@ -139,6 +139,8 @@ pub(super) struct Scene<'a> {
     pub far: &'a wgpu::Buffer,
     pub tables: &'a wgpu::Buffer,
     pub leaf_words: u32,
+    /// Whether crossings with any leaf are held to take turns.
+    pub takes_turns: bool,
     pub way: Way<'a>,
 }
 
@@ -231,7 +233,7 @@ impl Scene<'_> {
             (8, drawing.hits),
         ];
         let buffers = [&shared[..], &[(4, drawing.pool)]].concat();
-        let shader = shaders::trace(self.leaf_words, asked);
+        let shader = shaders::trace(self.leaf_words, self.takes_turns, asked);
         let trace = gpu.kernel(&shader, "trace");
         drawing.commands.dispatch_groups(&trace, &gpu.bind(&trace, &buffers), drawing.blocks);
         let after: &[&str] = match (asked, &crossed) {
