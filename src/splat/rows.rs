@@ -330,6 +330,7 @@ pub struct Solution<S: Simd> {
 /// Solves for the surface of `slot` on the field of its leaf (module text, *Theory*). `refine` adds that many steps on
 /// the field with its weights renewed at the hit. With `crosses` the rays are known to meet the surface, and none is dropped.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)] // a kernel's inner step: its arguments live in registers
 pub fn solve<S: Simd>(
     row: &Row<S>,
     surfels: &[ViewSurfel],
