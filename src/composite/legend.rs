@@ -1,6 +1,6 @@
 //! A legend in a corner of the picture: the names of the leaves that show, each beside its colour.
 //!
-//! *Practice.* Leaves are told apart by colour, and a reader has to learn whose is which; so each has a [`swatch`](super::swatch).
+//! *Practice.* Leaves are told apart by colour, and a reader has to learn whose is which; so each has a `swatch`.
 //!
 //! Letters are sized by the picture's height, and smaller where that brings in more rows or longer names, but not so small as
 //! to be hard to read. What still does not fit is left out from the leaf that shows least, and the last row says how many; a

@@ -9,7 +9,7 @@
 //! *Changes from the paper.* Blister 2005 §3 walks a list, which visits literals one after the other. Here a node's
 //! literals lie in bit masks: 32 of them are compared at once, and eight points at a time ([`Shrunk::eval_lanes`]); or
 //! only the nodes are visited that the toggle of one leaf changes ([`Counters`]). Over few leaves the values of all states are
-//! found once and looked up ([`Table`]).
+//! found once and looked up (`csg::table`).
 //!
 //! *Practice.* [`Flat`] is made once for a scene. [`Shrunk::keep`] is called for every tile with the leaves that occur
 //! there: it visits those leaves and the nodes above them, never the whole tree. Leaves that cannot matter any more get no
