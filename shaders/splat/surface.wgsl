@@ -10,14 +10,15 @@ fn snapped(opacity: f32) -> f32 {
 // the ray is known to meet it.
 fn resolve(ray: Ray, run: Run, number: u32, front: bool, crosses: bool, pixel: u32, hidden_from: f32) -> f32 {
     let group = groups[number];
-    if !(group.weighted_depth / group.weight < hidden_from) {
+    if !(select(group.weighted_depth / group.weight, group.best_depth, crosses) < hidden_from) {
         return hidden_from;
     }
     let kind = views[group.best].kind;
     let is_edge = kind != KIND_RISES && kind != KIND_FALLS;
     // Step 1: where the ray meets the surface, in front of the eye.
     let solution = solve(ray, run, group, front, select(0u, EDGE_STEPS, is_edge), crosses);
-    if solution.dropped && takes_turns(run.leaf) {
+    let is_ahead = group.best_depth > -(ray.anchor.x + ray.anchor.y);
+    if solution.dropped && is_ahead && takes_turns(run.leaf) {
         note_found(number, DROPPED, front, group.best_depth, 0.0);
     }
     if !solution.hit || !(solution.t > -(ray.anchor.x + ray.anchor.y)) {

@@ -130,6 +130,16 @@ fn seen_until(pixel: u32) -> f32 {
     return FARTHEST;
 }
 
+fn is_same(a: u32, b: u32) -> bool {
+    return groups[a].t == groups[b].t && group_enters(a) == group_enters(b);
+}
+
+// A depth before a group's crossing that is a radius off its surface, or, where another is nearer, halfway to that.
+fn depth_before(group: u32, nearest: f32) -> f32 {
+    let off = views[groups[group].best].radius / max(groups[group].steepness, LEAST_STEEPNESS);
+    return max(groups[group].t - off, 0.5 * (nearest + groups[group].t));
+}
+
 // Takes the group out of those that were dropped, and puts it to those that are needed.
 fn take_up(group: u32) {
     var before = NONE;
@@ -149,13 +159,33 @@ fn take_up(group: u32) {
 
 // Takes stray crossings out of the pixel's list and takes up the groups that are needed; returns from where on nothing is seen.
 fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
-    var inside = far_inside(leaf, point_at(ray, -(ray.anchor.x + ray.anchor.y)));
-    var nearest = -FARTHEST;
+    var nearest = -(ray.anchor.x + ray.anchor.y);
+    var inside = false;
+    var has_begun = false;
     var any_stray = false;
+    var last = NONE;
     var group = crossings_found;
     while group != NONE {
+        // Two groups may have found one crossing.
+        if has_begun && last != NONE && is_same(group, last) {
+            last = group;
+            group = groups[group].next;
+            continue;
+        }
+        var is_out_of_turn = false;
+        if !has_begun || group_enters(group) == inside {
+            // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found.
+            let at = select(nearest, depth_before(group, nearest), has_begun);
+            let holds = far_inside(leaf, point_at(ray, at));
+            if !has_begun {
+                has_begun = true;
+                inside = holds;
+                continue;
+            }
+            is_out_of_turn = holds == inside;
+        }
         var counts = true;
-        if group_enters(group) == inside {
+        if is_out_of_turn {
             let surest = surest_dropped(group, nearest);
             if surest != NONE {
                 take_up(surest);
@@ -169,6 +199,7 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
             inside = group_enters(group);
             nearest = groups[group].t;
         }
+        last = group;
         group = groups[group].next;
     }
     if any_stray && view.nearest_only != 0u {

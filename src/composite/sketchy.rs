@@ -220,6 +220,8 @@ impl Hand {
                 (low, high) = (low.min(offset), high.max(offset));
             }
         }
+        let most = Vec2::splat(SketchSettings::MOST_OFFSET_PX);
+        (low, high) = (low.max(-most), high.min(most));
         let along = |first: u32, end: u32, low: f32, high: f32| {
             // Two pixels are met, of which the second comes after the position's whole part.
             let (low, high) = (first as f32 + low - ROUNDING_PX, (end - 1) as f32 + high + ROUNDING_PX);

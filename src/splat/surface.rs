@@ -271,9 +271,10 @@ pub fn trace_row<S: Simd>(
             if turns::are_taken(&mut scratch.crossings[lane]) && scratch.dropped[lane].is_empty() {
                 continue;
             }
-            let begins = cache.inside(field, run.leaf, ray_of(tile, at, lane).at(0.0));
+            let (ray, from) = (ray_of(tile, at, lane), (-tile.anchor) as f32);
+            let holds = |t: f32| cache.inside(field, run.leaf, ray.at(tile.anchor + f64::from(t)));
             let mut mended = std::mem::take(&mut scratch.mended);
-            turns::mend(&scratch.crossings[lane], &scratch.dropped[lane], begins, &mut mended);
+            turns::mend(&scratch.crossings[lane], &scratch.dropped[lane], from, holds, &mut mended);
             for t in &mended.stray {
                 hits[lane].retain(|hit| !(hit.leaf == run.leaf.0 && hit.t == *t));
                 scratch.tied[lane].retain(|hit| !(hit.leaf == run.leaf && hit.t == *t));
@@ -385,7 +386,8 @@ fn resolve<S: Simd>(
 ) {
     let field = &tile.model.fields[run.leaf.0 as usize];
     let best: [u32; LANES] = slot.best.into();
-    let visible = slot.lanes & slot.depth().simd_lt(*hidden_from);
+    let depth = if crosses { slot.best_depth } else { slot.depth() };
+    let visible = slot.lanes & depth.simd_lt(*hidden_from);
     if visible.all_false() {
         return;
     }
@@ -447,7 +449,8 @@ fn resolve<S: Simd>(
             for lane in (0..LANES).filter(|&l| lanes >> l & 1 == 1) {
                 scratch.crossings[lane].push(found(lane, t[lane]));
             }
-            for lane in (0..LANES).filter(|&l| solution.dropped.test(l)) {
+            let dropped = solution.dropped & slot.best_depth.simd_gt((-tile.anchor) as f32);
+            for lane in (0..LANES).filter(|&l| dropped.test(l)) {
                 let crossing = found(lane, slot.best_depth[lane]);
                 scratch.dropped[lane].push(Dropped { crossing, weight: slot.best_weight(lane), slot: number });
             }

@@ -7,6 +7,7 @@
 //! * A group of candidates whose quadratic has no root is a ray that passes the surface ([`super::rows`], *Practice*) and is
 //!   dropped, although the ray crosses it. Where a crossing is out of turn and a group that would go before it was dropped, that
 //!   group was a crossing: the one whose nearest surfel proves most, and the ray has that surfel's hit.
+//!   (A crossing is out of turn only if the side before it, by the leaf's winding number, is the one that was left behind.)
 //! * One surfel that stands out of the surface is crossed once, by the side that faces away. Where no dropped group goes before a
 //!   crossing out of turn, and it lies less than a radius above the surface that is crossed next, it is the crossing itself that is left out.
 //!
@@ -19,6 +20,9 @@
 /// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
 /// its own.
 pub(crate) const MOST_STRAY_IN_RADII: f32 = 1.0;
+
+/// Surfaces that rays meet less steeply are taken to be as steep, so that a radius off them is not far away.
+pub(crate) const LEAST_STEEPNESS: f32 = 0.1;
 
 /// A crossing of one ray with a leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,13 +65,19 @@ pub fn are_taken(found: &mut [Found]) -> bool {
     found.iter().enumerate().all(|(place, crossing)| crossing.enters == (place % 2 == 0))
 }
 
-/// Mends the crossings `found` of a ray, sorted, which `begins` inside of the leaf or not, with groups of `dropped`.
-pub fn mend(found: &[Found], dropped: &[Dropped], begins: bool, mended: &mut Mended) {
+/// Mends the crossings `found` of a ray, sorted, with groups of `dropped`. Depths begin with that of the eye, `from`; `holds` tells
+/// whether the ray's point at a depth that is not near a surface is inside of the leaf.
+pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnMut(f32) -> bool, mended: &mut Mended) {
     mended.needed.clear();
     mended.stray.clear();
-    let (mut inside, mut nearest) = (begins, f32::NEG_INFINITY);
+    let (mut inside, mut nearest) = (holds(from), from);
     for (place, crossing) in found.iter().enumerate() {
-        if crossing.enters == inside {
+        // Two groups may have found one crossing.
+        if place > 0 && (crossing.t, crossing.enters) == (found[place - 1].t, found[place - 1].enters) {
+            continue;
+        }
+        // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found.
+        if crossing.enters == inside && holds(depth_before(crossing, nearest)) == inside {
             let lies_between = |d: &&Dropped| d.crossing.t > nearest && d.crossing.t < crossing.t;
             let turns = |d: &&Dropped| d.crossing.enters != crossing.enters;
             let candidates = dropped.iter().filter(lies_between).filter(turns);
@@ -89,6 +99,12 @@ pub fn mend(found: &[Found], dropped: &[Dropped], begins: bool, mended: &mut Men
     }
 }
 
+/// A depth before a crossing that is a radius off its surface, or, where another is nearer, halfway to that.
+fn depth_before(crossing: &Found, nearest: f32) -> f32 {
+    let off = crossing.radius / crossing.steepness.max(LEAST_STEEPNESS);
+    (crossing.t - off).max(0.5 * (nearest + crossing.t))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -101,13 +117,18 @@ mod tests {
         Found { t, enters: false, radius: 0.1, steepness: 0.25 }
     }
 
+    /// Mends with a leaf whose side is everywhere as where the ray `begins`, at depth 0.
     fn of(found: &[Found], dropped: &[(Found, f32)], begins: bool) -> Mended {
+        mended(found, dropped, |_| begins)
+    }
+
+    fn mended(found: &[Found], dropped: &[(Found, f32)], holds: impl FnMut(f32) -> bool) -> Mended {
         let of_slot = |(slot, &(crossing, weight)): (usize, &(Found, f32))| Dropped { crossing, weight, slot };
         let dropped: Vec<Dropped> = dropped.iter().enumerate().map(of_slot).collect();
         let mut mended = Mended::default();
         let mut found = found.to_vec();
         are_taken(&mut found);
-        mend(&found, &dropped, begins, &mut mended);
+        mend(&found, &dropped, 0.0, holds, &mut mended);
         mended
     }
 
@@ -128,8 +149,8 @@ mod tests {
         let dropped = [(enters(0.5), 0.3), (enters(0.7), 0.6), (leaves(0.8), 0.9), (enters(1.5), 0.9)];
         assert_eq!(of(&[leaves(1.0)], &dropped, false), needs(&[1]));
         // Crossings may be found in any order.
-        assert_eq!(of(&[leaves(2.0), leaves(1.0)], &dropped, true), needs(&[3]));
-        assert_eq!(of(&[enters(0.1), enters(1.0)], &dropped, false), needs(&[2]));
+        assert_eq!(mended(&[leaves(2.0), leaves(1.0)], &dropped, |t| t < 1.0), needs(&[3]));
+        assert_eq!(mended(&[enters(0.1), enters(1.0)], &dropped, |t| t > 0.1 && t < 0.8), needs(&[2]));
     }
 
     #[test]
@@ -138,6 +159,20 @@ mod tests {
         assert_eq!(of(&[leaves(1.0)], &[], false), needs(&[]));
         // Through a hole: the next surface lies far below.
         assert_eq!(of(&[leaves(1.0), enters(2.0), leaves(3.0)], &[], false), needs(&[]));
+    }
+
+    #[test]
+    fn a_crossing_that_two_groups_found_is_one() {
+        let dropped = [(leaves(0.5), 1.0)];
+        assert_eq!(of(&[enters(1.0), enters(1.0), leaves(1.2)], &[], false), needs(&[]));
+        assert_eq!(of(&[enters(1.0), enters(1.0), leaves(1.2)], &dropped, false), needs(&[]));
+    }
+
+    #[test]
+    fn crossings_that_are_not_looked_for_are_not_missed() {
+        // The leaf is entered at 0.5, off the result, and neither is its back stray nor the silhouette at 0.4 a crossing.
+        let found = [leaves(1.0), enters(1.2), leaves(3.0)];
+        assert_eq!(mended(&found, &[(enters(0.4), 1.0)], |t| t > 0.5), needs(&[]));
     }
 
     #[test]

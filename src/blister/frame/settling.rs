@@ -49,7 +49,9 @@ impl Settling {
     const LAYERS_A_TRIANGLE: usize = 8;
 
     pub fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
-        let open = wanted.width().div_ceil(BLOCK_WIDTH) * wanted.height().div_ceil(BLOCK_HEIGHT);
+        let blocks = |first: u32, end: u32, size: u32| end.div_ceil(size) - first / size;
+        let across = blocks(wanted.x0 - grid.x0, wanted.x1 - grid.x0, BLOCK_WIDTH);
+        let open = across * blocks(wanted.y0 - grid.y0, wanted.y1 - grid.y0, BLOCK_HEIGHT);
         let step = (open * Self::LAYERS_A_LOOK) as usize;
         Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, drawn: 0, floor: f32::INFINITY }
     }
