@@ -69,8 +69,10 @@ impl Far {
         let may_ask = |leaf, other| !matches!(model.pair(leaf, other), None | Some(PairStatus::Whole(_)));
         let any_asked = has_crossed || leaves().any(|leaf| leaves().any(|other| may_ask(leaf, other)));
         for leaf in leaves() {
-            let of_leaf = match any_asked {
-                true => far.push(&model.fields[leaf.0 as usize], origin),
+            // A leaf that takes turns is asked for its own side, whoever else is there.
+            let field = &model.fields[leaf.0 as usize];
+            let of_leaf = match any_asked || field.takes_turns() {
+                true => far.push(field, origin),
                 false => FarLeaf::default(),
             };
             far.leaves.push(of_leaf);
