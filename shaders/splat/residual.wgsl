@@ -133,7 +133,7 @@ fn may_hold(leaf: u32) -> bool {
     return leaf != own_leaf && status_to(leaf) != STATUS_OUT;
 }
 
-// The leaf whose material lies behind the hit where the own leaf was subtracted: the twin of `body` in src/splat/surface.rs.
+// The leaf whose material lies behind the hit where the own leaf was subtracted: the twin of src/splat/body.rs.
 fn body_of() -> u32 {
     let count = tables[POSITIVE_COUNT];
     let leaves = tables[AT_POSITIVE];

@@ -1,4 +1,4 @@
-// What all rays of a block share, and the sides of other leaves at a hit: the twin of `sides` in src/splat/surface.rs. A workgroup
+// What all rays of a block share, and the sides of other leaves at a hit: the twin of src/splat/sides.rs. A workgroup
 // is a block, a thread a pixel.
 
 // The hit that the expression is asked about.

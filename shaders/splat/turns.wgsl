@@ -172,8 +172,14 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
             group = groups[group].next;
             continue;
         }
-        var is_out_of_turn = false;
-        if !has_begun || group_enters(group) == inside {
+        var surest = NONE;
+        var may_be_stray = false;
+        if has_begun && group_enters(group) == inside {
+            surest = surest_dropped(group, nearest);
+            may_be_stray = surest == NONE && is_stray(group);
+        }
+        var counts = true;
+        if !has_begun || surest != NONE || may_be_stray {
             // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found.
             let at = select(nearest, depth_before(group, nearest), has_begun);
             let holds = far_inside(leaf, point_at(ray, at));
@@ -182,17 +188,14 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
                 inside = holds;
                 continue;
             }
-            is_out_of_turn = holds == inside;
-        }
-        var counts = true;
-        if is_out_of_turn {
-            let surest = surest_dropped(group, nearest);
-            if surest != NONE {
-                take_up(surest);
-            } else if is_stray(group) {
-                take_out(pixel, leaf, groups[group].t);
-                any_stray = true;
-                counts = false;
+            if holds == inside {
+                if may_be_stray {
+                    take_out(pixel, leaf, groups[group].t);
+                    any_stray = true;
+                    counts = false;
+                } else {
+                    take_up(surest);
+                }
             }
         }
         if counts {

@@ -301,7 +301,8 @@ fn bin(
         };
         let Some(found) = found else { continue };
         let key = |v: &Snapped| f32::from_bits(v[2] as u32);
-        let key = if places & place::BEHIND == 0 {
+        // What lies far aside is drawn from its plane, which rounding may put before its corners.
+        let key = if places == 0 {
             key(&a).max(key(&b)).max(key(&c))
         } else if picture.is_perspective {
             f32::INFINITY

@@ -18,6 +18,7 @@
 
 use glam::{DVec2, Vec2, Vec3};
 
+use super::body::body_behind;
 use super::clip::{ClipScratch, Clipper};
 use super::ewa::{self, Splat};
 use super::hits::{BlockHits, Hit, finish_ray};
@@ -253,7 +254,7 @@ fn resolve(
         let share = 1.0 / g.weight;
         let t = g.mean_depth();
         let index = tile.surfels[g.heaviest.1 as usize].index as usize;
-        let body = surface::body_behind(tile.model, g.leaf, g.crossing, index, |leaf| {
+        let body = body_behind(tile.model, g.leaf, g.crossing, index, |leaf| {
             let p = surface::ray_of(tile, at, 0).at(tile.anchor + f64::from(t));
             tile.model.fields[leaf.0 as usize].contains(p, &mut scratch.found)
         });

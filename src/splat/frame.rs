@@ -14,6 +14,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::bins::{self, BLOCK, Bins, BlockSet, Blocks, Member, Members};
+use super::body::body_behind;
 use super::clip::Clipping;
 use super::clip_buffer;
 use super::crossed::{Crossed, Walk};
@@ -24,7 +25,8 @@ use super::project::{Bounds, LeafLook, View, ViewSurfel};
 use super::rows::{LANES, Span};
 use super::settings::{Clip, Partners, SplatSettings};
 use super::settle::{Owner, Patch, Settled};
-use super::surface::{self, Run, Scratch, SideCache, Tile};
+use super::sides::SideCache;
+use super::surface::{self, Run, Scratch, Tile};
 use crate::classify::partners::{Among, PartnerLists};
 use crate::classify::{Class, Drawn, Model};
 use crate::crossings::CrossingSource;
@@ -213,7 +215,7 @@ impl<'a> Frame<'a> {
                     (LeafKind::Solid, Crossing::Falls) => false,
                 };
                 let mut decided = true;
-                let body = surface::body_behind(self.model, leaf, crossing, index, |_| {
+                let body = body_behind(self.model, leaf, crossing, index, |_| {
                     decided = false;
                     true
                 });

@@ -7,6 +7,7 @@
 //! come from whoever finds them ([`crossed`]).
 
 pub mod bins;
+mod body;
 pub mod clip;
 pub mod clip_buffer;
 pub mod crossed;
@@ -24,6 +25,7 @@ pub mod project;
 pub mod rows;
 pub mod settings;
 pub mod settle;
+pub mod sides;
 pub mod surface;
 #[cfg(test)]
 pub(crate) mod test_scenes;

@@ -14,24 +14,25 @@
 //! more than it would to draw.
 //!
 //! # Practice
-//! Where no surfel of a near leaf reaches the hit, the side is the nearest surfel's, looked up in object space; one answer
-//! serves all rays of the row that lie closer to it than the surface can.
+//! Other leaves are asked by [`super::sides`], and whose material lies behind a cut is `super::body`'s to say.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8};
 use glam::{DVec2, DVec3, Vec3};
 
+use super::body::{body_at, body_behind};
 use super::clip::{ClipScratch, Clipper};
 use super::crossed::{Crossed, Peel, Walk};
 use super::hits::{Hit, finish_ray};
 use super::project::{View, ViewSurfel};
 use super::rows::{self, LANES, Row, Slot, Span};
 use super::settle::Settled;
+use super::sides::{Hits, OnSurface, SideCache, Told, sides};
 use super::tied::{self, Tied};
 use super::turns::{self, Dropped, Found, Mended};
-use crate::classify::{Drawn, LeafField, Model};
+use crate::classify::{Drawn, Model};
 use crate::csg::LeafId;
-use crate::csg::residual::{Crossing, Membership};
+use crate::csg::residual::Crossing;
 use crate::layers::{Facing, LayerLimit};
 use crate::scene::LeafKind;
 use crate::space::{PixelRect, Projection, Ray};
@@ -77,9 +78,9 @@ pub struct Run<'a> {
 /// Reused between rows.
 pub struct Scratch<S: Simd> {
     slots: Vec<Slot<S>>,
-    found: Vec<(u32, f32)>,
+    pub(super) found: Vec<(u32, f32)>,
     touching: Vec<u32>,
-    reaching: Vec<u32>,
+    pub(super) reaching: Vec<u32>,
     known: Vec<Option<Told>>,
     clip: ClipScratch,
     walks: [Walk; LANES],
@@ -87,6 +88,8 @@ pub struct Scratch<S: Simd> {
     crossings: [Vec<Found>; LANES],
     dropped: [Vec<Dropped>; LANES],
     mended: Mended,
+    /// The groups to resolve, each with bits of lanes.
+    groups: Vec<(usize, u64)>,
     /// Crossings with surfaces that others may coincide with.
     tied: [Vec<Tied>; LANES],
 }
@@ -104,94 +107,9 @@ impl<S: Simd> Default for Scratch<S> {
             crossings: Default::default(),
             dropped: Default::default(),
             mended: Mended::default(),
+            groups: Vec::new(),
             tied: Default::default(),
         }
-    }
-}
-
-/// What a leaf tells of the points of a row's rays: a bit for each lane.
-#[derive(Debug, Clone, Copy, Default)]
-struct Told {
-    /// The point is inside.
-    inside: u64,
-    /// The leaf's surface coincides with the one that the point is on.
-    tied: u64,
-}
-
-impl Told {
-    fn is_inside(self, lane: usize) -> bool {
-        self.inside >> lane & 1 == 1
-    }
-
-    fn is_tied(self, lane: usize) -> bool {
-        self.tied >> lane & 1 == 1
-    }
-}
-
-/// Answers that a [`SideCache`] remembers for each leaf: two rows of a block, so that a row finds those of the one above.
-const REMEMBERED: usize = 2 * LANES;
-
-/// The side of points that no surfel of a leaf reaches, remembered by leaf: an answer holds around the point that it was
-/// given for as far as [`LeafField::far_side`] says.
-pub struct SideCache {
-    answers: Vec<Vec<Side>>,
-    /// The answer to forget next, by leaf.
-    oldest: Vec<usize>,
-}
-
-/// A remembered answer.
-#[derive(Clone, Copy)]
-struct Side {
-    p_in_world: DVec3,
-    clearance_squared: f64,
-    inside: bool,
-}
-
-impl SideCache {
-    /// For a scene of `leaves` leaves.
-    pub fn new(leaves: usize) -> Self {
-        Self { answers: vec![Vec::new(); leaves], oldest: vec![0; leaves] }
-    }
-
-    /// Whether `p_in_world`, which no surfel of `leaf` reaches, is inside it.
-    fn inside(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> bool {
-        self.remembered(leaf, p_in_world).unwrap_or_else(|| self.asked(field, leaf, p_in_world).0)
-    }
-
-    /// Whether `p_in_world` is inside `leaf`, where that holds all around it; `None` near the leaf's surface, and where its side
-    /// is not steady. Without `searches` only what is remembered counts.
-    pub fn steady(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3, searches: bool) -> Option<bool> {
-        if let Some(known) = self.remembered(leaf, p_in_world) {
-            return Some(known);
-        }
-        if !searches || !field.has_steady_sides() || field.reaches(p_in_world, 0.0) {
-            return None;
-        }
-        let (inside, is_steady) = self.asked(field, leaf, p_in_world);
-        is_steady.then_some(inside)
-    }
-
-    fn remembered(&self, leaf: LeafId, p_in_world: DVec3) -> Option<bool> {
-        let holds = |side: &&Side| p_in_world.distance_squared(side.p_in_world) < side.clearance_squared;
-        self.answers[leaf.0 as usize].iter().find(holds).map(|side| side.inside)
-    }
-
-    /// The side of `p_in_world`, and whether it is steady and so remembered.
-    fn asked(&mut self, field: &LeafField, leaf: LeafId, p_in_world: DVec3) -> (bool, bool) {
-        let answers = &mut self.answers[leaf.0 as usize];
-        let side = field.far_side(p_in_world);
-        let clearance = field.steady_distance(&side, p_in_world);
-        if !(clearance > 0.0) {
-            return (side.inside, false);
-        }
-        let answer = Side { p_in_world, clearance_squared: clearance * clearance, inside: side.inside };
-        let oldest = &mut self.oldest[leaf.0 as usize];
-        match answers.get_mut(*oldest) {
-            Some(place) => *place = answer,
-            None => answers.push(answer),
-        }
-        *oldest = (*oldest + 1) % REMEMBERED;
-        (side.inside, true)
     }
 }
 
@@ -242,13 +160,28 @@ pub fn trace_row<S: Simd>(
         let (entering, leaving) = run.members.split_at(run.entering);
         let mut touching = std::mem::take(&mut scratch.touching);
         touching.clear();
-        for (front, members) in [(true, entering), (false, leaving)] {
-            let before = touching.len();
-            let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
-            rows::touching(&row, &tile.spans, members, depths, &mut touching);
-            rows::detect(&row, &tile.surfels, &touching[before..], generous, hidden_from, &mut slots);
-            for (number, slot) in slots.iter().enumerate().filter(|(_, slot)| slot.front == front) {
-                let group = Group { slot, number, crosses: false };
+        // Last come those that were dropped and are crossings after all.
+        let mut groups = std::mem::take(&mut scratch.groups);
+        for turn in [Turn::Entering, Turn::Leaving, Turn::Mended] {
+            groups.clear();
+            let front = turn == Turn::Entering;
+            match turn {
+                Turn::Entering | Turn::Leaving => {
+                    let members = if front { entering } else { leaving };
+                    let before = touching.len();
+                    let depths = (f32::NEG_INFINITY, hidden_from.reduce_max());
+                    rows::touching(&row, &tile.spans, members, depths, &mut touching);
+                    rows::detect(&row, &tile.surfels, &touching[before..], generous, hidden_from, &mut slots);
+                    let of_turn = slots.iter().enumerate().filter(|(_, slot)| slot.front == front);
+                    groups.extend(of_turn.map(|(number, _)| (number, ALL_LANES)));
+                }
+                Turn::Mended => {
+                    put_in_turn(tile, run.leaf, nearest_only, &mut hidden_from, at, cache, scratch, hits, &mut groups)
+                }
+            }
+            for &(number, lanes) in &groups {
+                let lanes = mask32x8::from_bitmask(simd, lanes);
+                let group = Group { slot: &slots[number], number, lanes, crosses: turn == Turn::Mended };
                 resolve(
                     &row,
                     tile,
@@ -266,45 +199,7 @@ pub fn trace_row<S: Simd>(
                 );
             }
         }
-        // Crossings out of turn: some were dropped, others are none.
-        for lane in 0..LANES {
-            if turns::are_taken(&mut scratch.crossings[lane]) && scratch.dropped[lane].is_empty() {
-                continue;
-            }
-            let (ray, from) = (ray_of(tile, at, lane), (-tile.anchor) as f32);
-            let holds = |t: f32| cache.inside(field, run.leaf, ray.at(tile.anchor + f64::from(t)));
-            let mut mended = std::mem::take(&mut scratch.mended);
-            turns::mend(&scratch.crossings[lane], &scratch.dropped[lane], from, holds, &mut mended);
-            for t in &mended.stray {
-                hits[lane].retain(|hit| !(hit.leaf == run.leaf.0 && hit.t == *t));
-                scratch.tied[lane].retain(|hit| !(hit.leaf == run.leaf && hit.t == *t));
-            }
-            if nearest_only && !mended.stray.is_empty() {
-                let opaque = hits[lane].iter().filter(|hit| hit.opacity >= 1.0).map(|hit| hit.t);
-                hidden_from[lane] = opaque.fold(f32::INFINITY, f32::min);
-            }
-            for &number in &mended.needed {
-                let mut slot = slots[number];
-                slot.lanes &= mask32x8::from_bitmask(simd, 1 << lane);
-                let group = Group { slot: &slot, number, crosses: true };
-                resolve(
-                    &row,
-                    tile,
-                    runs,
-                    crossed,
-                    run,
-                    &touching,
-                    group,
-                    nearest_only,
-                    &mut hidden_from,
-                    at,
-                    cache,
-                    scratch,
-                    hits,
-                );
-            }
-            scratch.mended = mended;
-        }
+        scratch.groups = groups;
         scratch.slots = slots;
         scratch.touching = touching;
     }
@@ -320,6 +215,50 @@ pub fn trace_row<S: Simd>(
             });
         }
         finish_ray(hits, nearest_only);
+    }
+}
+
+/// What is resolved of a leaf at a time.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Turn {
+    Entering,
+    Leaving,
+    Mended,
+}
+
+/// Puts the crossings of all rays with `leaf` in turn ([`turns`]): takes those that are none out of `hits`, and adds the groups that
+/// were dropped and are crossings to `groups`, each with the bit of its lane.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn put_in_turn<S: Simd>(
+    tile: &Tile<'_>,
+    leaf: LeafId,
+    nearest_only: bool,
+    hidden_from: &mut f32x8<S>,
+    at: At,
+    cache: &mut SideCache,
+    scratch: &mut Scratch<S>,
+    hits: &mut [Vec<Hit>; LANES],
+    groups: &mut Vec<(usize, u64)>,
+) {
+    let Scratch { crossings, dropped, mended, tied, .. } = scratch;
+    for lane in 0..LANES {
+        if crossings[lane].is_empty() || (turns::are_taken(&mut crossings[lane]) && dropped[lane].is_empty()) {
+            continue;
+        }
+        let (ray, from) = (ray_of(tile, at, lane), (-tile.anchor) as f32);
+        let field = &tile.model.fields[leaf.0 as usize];
+        let holds = |t: f32| cache.inside(field, leaf, ray.at(tile.anchor + f64::from(t)));
+        turns::mend(&crossings[lane], &dropped[lane], from, holds, mended);
+        for t in &mended.stray {
+            hits[lane].retain(|hit| !(hit.leaf == leaf.0 && hit.t == *t));
+            tied[lane].retain(|hit| !(hit.leaf == leaf && hit.t == *t));
+        }
+        if nearest_only && !mended.stray.is_empty() {
+            let opaque = hits[lane].iter().filter(|hit| hit.opacity >= 1.0).map(|hit| hit.t);
+            hidden_from[lane] = opaque.fold(f32::INFINITY, f32::min);
+        }
+        groups.extend(mended.needed.iter().map(|&number| (number, 1 << lane)));
     }
 }
 
@@ -362,6 +301,8 @@ struct Group<'s, S: Simd> {
     slot: &'s Slot<S>,
     /// Its place among those of the leaf.
     number: usize,
+    /// The rays that are asked for.
+    lanes: mask32x8<S>,
     /// Whether the rays are known to cross it.
     crosses: bool,
 }
@@ -376,7 +317,7 @@ fn resolve<S: Simd>(
     crossed: Option<&Crossed<'_>>,
     run: &Run<'_>,
     touching: &[u32],
-    Group { slot, number, crosses }: Group<'_, S>,
+    Group { slot, number, lanes: wanted, crosses }: Group<'_, S>,
     nearest_only: bool,
     hidden_from: &mut f32x8<S>,
     at: At,
@@ -387,7 +328,7 @@ fn resolve<S: Simd>(
     let field = &tile.model.fields[run.leaf.0 as usize];
     let best: [u32; LANES] = slot.best.into();
     let depth = if crosses { slot.best_depth } else { slot.depth() };
-    let visible = slot.lanes & depth.simd_lt(*hidden_from);
+    let visible = wanted & slot.lanes & depth.simd_lt(*hidden_from);
     if visible.all_false() {
         return;
     }
@@ -718,157 +659,4 @@ fn crossing_of_tree(
 /// An opacity that is a weighted mean, held to 0 to 1, and opaque where only rounding keeps it from being so.
 fn snapped(opacity: f32) -> f32 {
     if opacity > 1.0 - OPACITY_ROUNDING { 1.0 } else { opacity.max(0.0) }
-}
-
-/// A point on a surface.
-#[derive(Debug, Clone, Copy, Default)]
-struct OnSurface {
-    p_in_world: DVec3,
-    /// Unit normal, either way.
-    normal_in_world: Vec3,
-    /// Of the surfel there, world units; infinite where there is none.
-    radius: f32,
-}
-
-impl OnSurface {
-    /// Whether the surface of `field` coincides with this one.
-    fn is_tied(&self, field: &LeafField, found: &mut Vec<(u32, f32)>) -> bool {
-        let Self { p_in_world, normal_in_world, radius } = *self;
-        tied::coincident(field, p_in_world, normal_in_world.as_dvec3(), radius, found).is_some()
-    }
-}
-
-/// Points on surfaces, one for each lane of `mask`.
-struct Hits<'h> {
-    /// Depths less the tile's anchor.
-    t: &'h [f32; LANES],
-    of_lane: &'h dyn Fn(usize) -> OnSurface,
-    at: At,
-    mask: u64,
-}
-
-/// What leaf `near` tells of the points of `hits`.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn sides<S: Simd>(
-    row: &Row<S>,
-    tile: &Tile<'_>,
-    runs: &[Run<'_>],
-    crossed: Option<&Crossed<'_>>,
-    near: LeafId,
-    hits: Hits<'_>,
-    cache: &mut SideCache,
-    scratch: &mut Scratch<S>,
-) -> Told {
-    let field = &tile.model.fields[near.0 as usize];
-    let Hits { t, of_lane, at, mask } = hits;
-    let mut is_tied = |lane: &usize| of_lane(*lane).is_tied(field, &mut scratch.found);
-    let bits = |bits: u64, lane: usize| bits | 1 << lane;
-    if let Some(exact) = &field.exact {
-        // On a ray whose crossings with the leaf are known they tell the side.
-        let place = |lane: usize| (at.0 + lane as u32, at.1);
-        let told = |lane: usize| crossed.and_then(|crossed| crossed.inside(place(lane), near, t[lane]));
-        let inside = |lane: &usize| told(*lane).unwrap_or_else(|| exact.contains(of_lane(*lane).p_in_world));
-        // Most rays cross the leaf elsewhere, and need no closer look.
-        let may_tie = |lane: &usize| {
-            let within = tied::MOST_REACH_IN_RADII * of_lane(*lane).radius;
-            crossed.is_none_or(|crossed| crossed.may_cross_within(place(*lane), near, t[*lane], within))
-        };
-        let lanes = || (0..LANES).filter(|l| mask >> l & 1 == 1);
-        let tied = lanes().filter(may_tie).filter(&mut is_tied).fold(0, bits);
-        return Told { inside: lanes().filter(inside).fold(0, bits), tied };
-    }
-    let lanes = mask32x8::from_bitmask(row.simd, mask);
-    let (mut told, mut reached) = (Told::default(), 0);
-    if let Some(run) = runs.iter().find(|r| r.leaf == near) {
-        let depth = f32x8::load_array(row.simd, *t);
-        let touching = &mut scratch.reaching;
-        touching.clear();
-        rows::touching(row, &tile.spans, run.members, row.span(depth, lanes), touching);
-        let (value, weight) = rows::ask(row, &tile.surfels, touching, depth, lanes);
-        let support = lanes & weight.simd_gt(rows::LEAST_WEIGHT);
-        reached = support.to_bitmask();
-        told.inside = (support & value.simd_lt(0.0)).to_bitmask();
-        // Most rays are not near the other surface, and need no closer look.
-        let radii: [f32; LANES] =
-            std::array::from_fn(|lane| if mask >> lane & 1 == 1 { of_lane(lane).radius } else { 0.0 });
-        let within = f32x8::load_array(row.simd, radii).min(field.largest_radius()) * tied::TIED_SHARE;
-        let close = (support & value.abs().simd_le(weight * within)).to_bitmask();
-        if close != 0 {
-            told.tied = (0..LANES).filter(|l| close >> l & 1 == 1).filter(&mut is_tied).fold(0, bits);
-        }
-    }
-    let mut unreached = mask & !reached;
-    while unreached != 0 {
-        let lane = unreached.trailing_zeros() as usize;
-        unreached &= unreached - 1;
-        told.inside |= u64::from(cache.inside(field, near, of_lane(lane).p_in_world)) << lane;
-    }
-    told
-}
-
-/// The leaf whose material lies behind a surface of leaf `own`: its own, or, where it was subtracted, the [`body`]; `holds`
-/// decides for leaves that are near.
-pub(super) fn body_behind(
-    model: &Model,
-    own: LeafId,
-    crossing: Crossing,
-    surfel: usize,
-    holds: impl FnMut(LeafId) -> bool,
-) -> u32 {
-    match crossing {
-        Crossing::Rises => own.0,
-        Crossing::Falls => body(model, own, |leaf| model.status(own, surfel, leaf), holds).unwrap_or(own).0,
-    }
-}
-
-/// As [`body_behind`] of a surface of a leaf that was subtracted, where `holds` decides for all leaves.
-pub(super) fn body_at(model: &Model, own: LeafId, holds: impl FnMut(LeafId) -> bool) -> Option<LeafId> {
-    body(model, own, |_| Membership::Near, holds)
-}
-
-/// The first leaf that the result just outside of leaf `own`, where it holds, could not do without; where it could do without
-/// any one of them, the first that is left when they are taken away from the last on for as long as it holds. Of a leaf that is
-/// taken away the complemented occurrences stay: within `b` the body of `(a - b) | b` is `b`. `status` tells the place of the
-/// point in the other leaves, and `holds`, at most once each, in those that are near.
-fn body(
-    model: &Model,
-    own: LeafId,
-    status: impl Fn(LeafId) -> Membership,
-    mut holds: impl FnMut(LeafId) -> bool,
-) -> Option<LeafId> {
-    let mut asked: Vec<(LeafId, bool)> = Vec::new();
-    let mut inside = |leaf: LeafId| match status(leaf) {
-        _ if leaf == own => false,
-        Membership::In => true,
-        Membership::Out => false,
-        Membership::Near => match asked.iter().find(|(other, _)| *other == leaf) {
-            Some((_, known)) => *known,
-            None => {
-                let known = holds(leaf);
-                asked.push((leaf, known));
-                known
-            }
-        },
-    };
-    // A leaf that the point is outside of is one that the result can do without, so it need not be asked itself.
-    let may_hold = |leaf: &LeafId| *leaf != own && status(*leaf) != Membership::Out;
-    let candidates = || model.positive_leaves().iter().copied().filter(may_hold);
-    let mut holds_without = |gone: &[LeafId], leaf| {
-        model.list.eval_occurrences(|literal| {
-            let is_gone = literal.leaf == leaf || gone.contains(&literal.leaf);
-            (literal.negated || !is_gone) && inside(literal.leaf)
-        })
-    };
-    if let Some(needed) = candidates().find(|&leaf| !holds_without(&[], leaf)) {
-        return Some(needed);
-    }
-    let mut gone = Vec::new();
-    let within: Vec<LeafId> = candidates().collect();
-    for &leaf in within.iter().rev() {
-        if holds_without(&gone, leaf) {
-            gone.push(leaf);
-        }
-    }
-    within.into_iter().find(|leaf| !gone.contains(leaf))
 }

@@ -24,8 +24,8 @@ use std::cell::RefCell;
 
 use glam::{DVec2, DVec3, Vec3};
 
+use super::body::body_at;
 use super::hits::Hit;
-use super::surface::body_at;
 use crate::classify::{LeafField, Model};
 use crate::csg::LeafId;
 use crate::layers::Facing;

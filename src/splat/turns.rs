@@ -76,8 +76,7 @@ pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnM
         if place > 0 && (crossing.t, crossing.enters) == (found[place - 1].t, found[place - 1].enters) {
             continue;
         }
-        // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found.
-        if crossing.enters == inside && holds(depth_before(crossing, nearest)) == inside {
+        if crossing.enters == inside {
             let lies_between = |d: &&Dropped| d.crossing.t > nearest && d.crossing.t < crossing.t;
             let turns = |d: &&Dropped| d.crossing.enters != crossing.enters;
             let candidates = dropped.iter().filter(lies_between).filter(turns);
@@ -86,13 +85,15 @@ pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnM
                 let out_of_surface = (next.t - crossing.t) * next.steepness;
                 next.enters != crossing.enters && out_of_surface < crossing.radius * MOST_STRAY_IN_RADII
             };
-            match surest {
-                Some(group) => mended.needed.push(group.slot),
-                None if found.get(place + 1).is_some_and(follows) => {
+            let may_be_stray = surest.is_none() && found.get(place + 1).is_some_and(follows);
+            // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found. To ask
+            // is dear, and most walls of a cavity have nothing to mend.
+            if (surest.is_some() || may_be_stray) && holds(depth_before(crossing, nearest)) == inside {
+                if may_be_stray {
                     mended.stray.push(crossing.t);
                     continue;
                 }
-                None => {}
+                mended.needed.extend(surest.map(|group| group.slot));
             }
         }
         (inside, nearest) = (crossing.enters, crossing.t);

@@ -12,8 +12,8 @@ use crate::measure::simulate::{Sampling, ScanOptions, scan};
 use crate::scene::LeafKind;
 use crate::surfel::{CloudOptions, from_cloud};
 
-/// Of the pixels that a noisy scan covers, those that may see its far side through it, per thousand. Without turns these
-/// pictures have 11 and 14.
+/// Of the pixels that a noisy scan covers, those that may see its far side through it, per thousand: 16 of 9768 do, and 69 if
+/// crossings are not put in turn.
 const MOST_FAR_SIDES_IN_1000: usize = 2;
 
 /// Pixels covered, and those whose nearest surface faces away, of a torus scanned with noise and without normals.

@@ -12,8 +12,8 @@ use surfcut::splat::{Clip, Frame, Inside, Partners, SplatSettings, Unknown};
 
 use crate::Test;
 use crate::splat::{
-    ALLOWED, SIDE, camera, compare, elliptical_spheres, looks, model, name, same_pixel, scan, sphere, stack_of_squares,
-    torus_and_cylinder, tree, whole,
+    ALLOWED, SIDE, camera, compare, elliptical_spheres, looks, model, name, nine_near_spheres, same_pixel, scan,
+    sphere, stack_of_squares, torus_and_cylinder, tree, whole,
 };
 
 pub const TESTS: &[Test] = &[
@@ -218,14 +218,7 @@ fn a_tree_deeper_than_a_word(gpu: &'static Gpu) {
 }
 
 fn more_near_leaves_than_a_truth_table_has(gpu: &'static Gpu) {
-    let leaves: Vec<Solid> = (0..9)
-        .map(|i| {
-            let turn = f64::from(i) * std::f64::consts::TAU / 9.0;
-            sphere([0.25 * turn.cos(), 0.25 * turn.sin(), 0.0], 1.0)
-        })
-        .collect();
-    let model = model("(a & b | c & d) - (e | f & g) - h & i", &leaves, 0.12);
-    hold_both(gpu, &model, &camera([0.5, -2.0, 4.5], [0.0; 3], 30.0));
+    hold_both(gpu, &nine_near_spheres(), &camera([0.5, -2.0, 4.5], [0.0; 3], 30.0));
 }
 
 fn an_orthographic_camera(gpu: &'static Gpu) {

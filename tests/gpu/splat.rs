@@ -8,10 +8,11 @@ use surfcut::geometry::Solid;
 use surfcut::gpu::splat::{GpuSplatFrame, GpuSplatModel};
 use surfcut::gpu::{Gpu, GpuLayerSource};
 use surfcut::layers::{Boundary, LayerLimit, LayerSource, LayerTile};
+use surfcut::measure::simulate::{self, Sampling, ScanOptions};
 use surfcut::scene::LeafKind;
 use surfcut::space::{Camera, Lens, PixelRect};
 use surfcut::splat::{Frame, SplatSettings};
-use surfcut::surfel::from_solid;
+use surfcut::surfel::{CloudOptions, from_cloud, from_solid};
 
 use crate::Test;
 
@@ -28,6 +29,7 @@ pub const TESTS: &[Test] = &[
     ("splat_a_sheet_is_cut_and_never_cuts", a_sheet_is_cut_and_never_cuts),
     ("splat_an_open_scan_is_asked_by_its_nearest_plane", an_open_scan_is_asked_by_its_nearest_plane),
     ("splat_surfels_that_are_ellipses", surfels_that_are_ellipses),
+    ("splat_a_noisy_scan_is_crossed_in_turn", a_noisy_scan_is_crossed_in_turn),
     ("splat_several_samples_a_pixel", several_samples_a_pixel),
     ("splat_parts_of_a_picture_are_the_same_bits", parts_of_a_picture_are_the_same_bits),
     ("splat_no_fragment_is_lost_where_room_is_short", no_fragment_is_lost_where_room_is_short),
@@ -158,17 +160,32 @@ fn hold(gpu: &Gpu, model: &Model, camera: &Camera) {
 /// The same with several samples a pixel.
 fn hold_samples(gpu: &Gpu, model: &Model, camera: &Camera, samples: u32) {
     for limit in [LayerLimit::Nearest, LayerLimit::All] {
-        let (on_cpu, on_gpu) = draw_both(gpu, model, camera, limit, samples);
-        let compared = compare(camera, &on_cpu, &on_gpu);
-        assert!(compared.covered > 1000, "{compared:?}");
-        assert!(compared.differing as f64 <= ALLOWED * compared.covered as f64, "{limit:?}: {compared:?}");
-        assert_eq!(compared.off_edges, 0, "{limit:?}: {compared:?}");
+        hold_limit(gpu, model, camera, limit, samples);
     }
+}
+
+fn hold_limit(gpu: &Gpu, model: &Model, camera: &Camera, limit: LayerLimit, samples: u32) {
+    let (on_cpu, on_gpu) = draw_both(gpu, model, camera, limit, samples);
+    let compared = compare(camera, &on_cpu, &on_gpu);
+    assert!(compared.covered > 1000, "{compared:?}");
+    assert!(compared.differing as f64 <= ALLOWED * compared.covered as f64, "{limit:?}: {compared:?}");
+    assert_eq!(compared.off_edges, 0, "{limit:?}: {compared:?}");
 }
 
 fn spheres_minus_a_sphere(gpu: &'static Gpu) {
     let leaves = [sphere([0.0; 3], 1.0), sphere([0.8, 0.1, 0.2], 0.7), sphere([0.2, -0.9, 0.3], 0.6)];
     hold(gpu, &model("(a | b) - c", &leaves, 0.05), &camera([1.0, -5.0, 2.0], [0.2, 0.0, 0.0], 30.0));
+}
+
+/// Where noise makes rays miss what they must cross. All layers, since the nearest alone are scattered on the CPU, which on a
+/// surface as rough as this is not the same to a 255th. Without turns on the GPU 39 of 2516 pixels differ.
+fn a_noisy_scan_is_crossed_in_turn(gpu: &'static Gpu) {
+    let torus = Solid::Torus { centre: DVec3::ZERO, axis: DVec3::Z, radius: 1.0, tube: 0.3 };
+    let options = ScanOptions::regular(20_000, 7).sampled(Sampling::Poisson).noisy(0.4, 0.0).without_normals();
+    let cloud = simulate::scan(&torus, &options).unwrap();
+    let surfels = from_cloud(cloud, DAffine3::IDENTITY, &CloudOptions::default(), &|_| ()).unwrap().0;
+    let model = Model::new(&tree("a"), vec![LeafField::new(surfels, None, LeafKind::Solid)], looks(1));
+    hold_limit(gpu, &model, &camera([3.0, -3.0, 0.3], [0.0; 3], 35.0), LayerLimit::All, 1);
 }
 
 fn several_samples_a_pixel(gpu: &'static Gpu) {
@@ -211,15 +228,19 @@ fn a_tree_of_forty_leaves(gpu: &'static Gpu) {
     hold(gpu, &model(&text, &leaves, 0.05), &camera([1.0, -5.0, 2.0], [0.0; 3], 32.0));
 }
 
-fn more_near_leaves_than_a_truth_table_has(gpu: &'static Gpu) {
-    // Nine spheres about one axis all pass near one another at its ends.
+/// Nine spheres about one axis, which all pass near one another at its ends.
+pub(crate) fn nine_near_spheres() -> Model {
     let leaves: Vec<Solid> = (0..9)
         .map(|i| {
             let turn = f64::from(i) * std::f64::consts::TAU / 9.0;
             sphere([0.25 * turn.cos(), 0.25 * turn.sin(), 0.0], 1.0)
         })
         .collect();
-    let model = model("(a & b | c & d) ^ (e | f & g) - h & i".replace('^', "-").as_str(), &leaves, 0.12);
+    model("(a & b | c & d) - (e | f & g) - h & i", &leaves, 0.12)
+}
+
+fn more_near_leaves_than_a_truth_table_has(gpu: &'static Gpu) {
+    let model = nine_near_spheres();
     let most = model.classes.iter().flat_map(|c| c.residuals.iter().map(|r| r.near.len())).max();
     assert!(most > Some(6), "{most:?}");
     hold(gpu, &model, &camera([0.5, -2.0, 4.5], [0.0; 3], 30.0));
