@@ -18,6 +18,10 @@ const WIDER: [usize; 2] = [64, 256];
 /// third of the neighbours are on each face, at √3 times the distances; further ones on other walls must not make it larger.
 const MINORITY: f32 = 2.0;
 
+/// A surfel whose radius is more than this many times the distance of the neighbours that its curvature is fitted to bridges a gap
+/// of the scan: what bends a spacing about it says little of what bends there, so it is fitted to all neighbours that were looked at.
+const BRIDGE: f32 = 3.0;
+
 /// Points with final normals. Two are on one sheet where their normals agree within [`SAME_SHEET`] and, where it is known,
 /// their patch is the same.
 #[derive(Clone, Copy)]
@@ -55,7 +59,8 @@ impl Scratch {
         neighbours.nearest_k(p, NEIGHBOURS + 1, &mut self.found);
         let ring = self.found.iter().filter(|f| f.0 != i as u32).take(RING).last().map_or(0.0, |f| f.1);
         self.keep_sheet(sheets, i);
-        let curvature = curvature::fit(n, &self.sheet);
+        let mut curvature = curvature::fit(n, &self.sheet);
+        let fitted_to = self.sheet.get(curvature::NEIGHBOURS - 1).map_or(f32::INFINITY, |(e, _)| e.length());
         let agreement = self.agreement(points, normals, i);
         let minority = self.sheet.len() < RING;
         let mut cover = self.cover(n);
@@ -76,6 +81,9 @@ impl Scratch {
         } else {
             cover.radius
         };
+        if !alone && radius > BRIDGE * fitted_to {
+            curvature = curvature::fit_widely(n, &self.sheet);
+        }
         Around { radius, alone, curvature, agreement }
     }
 

@@ -306,6 +306,35 @@ fn curvature_of_a_torus_with_exact_and_noisy_normals() {
     }
 }
 
+/// What a scanner did not see is bridged by surfels about it, as round as the surface is there and not as the noise about one of
+/// them: a ball whose cap of 20° is missing, seven spacings in radius, with normals 1.5° off. The mean is 0.0066; 0.015 from the
+/// nearest neighbours.
+#[test]
+fn a_gap_is_bridged_as_its_surroundings_bend() {
+    const CAP_DEGREES: f64 = 20.0;
+    const NOISE_DEGREES: f64 = 1.5;
+    let mut random = Random::new(5);
+    let seen = |p: &&(DVec3, DVec3)| p.0.z < CAP_DEGREES.to_radians().cos();
+    let all = sphere_points(6000);
+    let points: Points = all
+        .iter()
+        .filter(seen)
+        .map(|(p, n)| (*p, (*n + random.direction() * (NOISE_DEGREES.to_radians() * random.normal())).normalize()))
+        .collect();
+    let (cloud, _) = build(with_normals(&points));
+    let pole = DVec3::Z;
+    let height = |i: usize| {
+        let e = (pole - cloud.centre(i)).as_vec3();
+        let surfel = &cloud.surfels[i];
+        (surfel.normal.dot(e) + 0.5 * e.dot(surfel.curvature.mul(e))).abs()
+    };
+    let reaches = |i: &usize| cloud.centre(*i).distance(pole) < f64::from(cloud.surfels[*i].radius);
+    let heights: Vec<f32> = (0..cloud.len()).filter(reaches).map(height).collect();
+    let mean = heights.iter().sum::<f32>() / heights.len() as f32;
+    assert!(heights.len() >= 10, "{} bridge it", heights.len());
+    assert!(mean < 0.01, "{mean}, of {} surfels", heights.len());
+}
+
 #[test]
 fn ellipses_bring_normals_and_supports() {
     let points = sphere_points(2000);

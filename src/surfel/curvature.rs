@@ -43,10 +43,24 @@ pub(crate) fn fit(n: Vec3, neighbours: &[(Vec3, Vec3)]) -> Sym3 {
         return Sym3::default();
     }
     let (u, v) = n.any_orthonormal_pair();
-    let (mut k, noise) = shape_operator(n, u, v, near);
+    let (k, noise) = shape_operator(n, u, v, near);
     if noise > NOISY && neighbours.len() > near.len() {
-        k = shape_operator(n, u, v, neighbours).0;
+        return fit_widely(n, neighbours);
     }
+    field_of(n, u, v, k)
+}
+
+/// The same from all of `neighbours`: for a surfel that bridges a gap of the scan, or whose normals are noisy.
+pub(crate) fn fit_widely(n: Vec3, neighbours: &[(Vec3, Vec3)]) -> Sym3 {
+    if neighbours.len() < FEWEST {
+        return Sym3::default();
+    }
+    let (u, v) = n.any_orthonormal_pair();
+    field_of(n, u, v, shape_operator(n, u, v, neighbours).0)
+}
+
+/// M of the shape operator k₁₁, k₁₂, k₂₂ in the frame (u, v) of the normal; zero where it is not finite.
+fn field_of(n: Vec3, u: Vec3, v: Vec3, k: [f64; 3]) -> Sym3 {
     let [k11, k12, k22] = k.map(|x| x as f32);
     if !(k11.is_finite() && k12.is_finite() && k22.is_finite()) {
         return Sym3::default();
