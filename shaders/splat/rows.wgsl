@@ -206,13 +206,38 @@ struct Solution {
     opacity: f32,
 }
 
-fn faces(slope: f32, front: bool) -> bool {
-    return select(slope > 0.0, slope < 0.0, front);
+// Which surfels are of the surface that a group is about: those that the ray meets from its side, and those of the same sheet that
+// the ray meets edge-on, whichever way they turn.
+struct Sheet {
+    front: bool,
+    // That of the group's nearest surfel.
+    normal: vec3<f32>,
+    // The slope along the ray up to which it is met edge-on.
+    edge_on: f32,
+}
+
+fn sheet_of(ray: Ray, group: Group, front: bool) -> Sheet {
+    return Sheet(front, views[group.best].normal, sqrt(dot(ray.dir, ray.dir) * GRAZING_COSINE_SQUARED));
+}
+
+// Whether a field of this slope is met from the group's side.
+fn faces(sheet: Sheet, slope: f32) -> bool {
+    return select(slope > 0.0, slope < 0.0, sheet.front);
+}
+
+// Whether it is so, or edge-on.
+fn may_face(sheet: Sheet, slope: f32) -> bool {
+    return select(slope > -sheet.edge_on, slope < sheet.edge_on, sheet.front);
+}
+
+fn is_on_sheet(sheet: Sheet, id: u32, slope: f32) -> bool {
+    return faces(sheet, slope) || (dot(sheet.normal, views[id].normal) > SAME_SHEET && may_face(sheet, slope));
 }
 
 // With `crosses` the ray is known to meet the surface, and is not dropped.
 fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: bool) -> Solution {
     let start = group.weighted_depth / group.weight;
+    let sheet = sheet_of(ray, group, front);
     // Step 1: the quadratic about the mean candidate.
     var a0 = 0.0;
     var a1 = 0.0;
@@ -229,7 +254,7 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: boo
                 continue;
             }
             let q = terms_at(ray, id, start);
-            if !(faces(q.slope, front) && q.support < 1.0) {
+            if !(q.support < 1.0 && is_on_sheet(sheet, id, q.slope)) {
                 continue;
             }
             let w = field_weight(q.support);
@@ -248,7 +273,8 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: boo
     let tau = 2.0 * a0 / select(-a1 - root, root - a1, front);
     let radius = views[group.best].radius;
     let near = abs(tau) < radius * FARTHEST_SOLVE_IN_RADII;
-    let solved = square >= 0.0 && faces(a1, front) && near && weight > LEAST_WEIGHT;
+    // Edge-on, the mean candidate may lie beyond where the ray is nearest to the surface: the root lies before.
+    let solved = square >= 0.0 && may_face(sheet, a1 / weight) && near && weight > LEAST_WEIGHT;
     // A ray that misses passes the surface at a grazing angle: that is a silhouette, and the group is dropped. A steep ray that
     // has no solution meets a surface whose surfels disagree: it keeps its nearest surfel's hit.
     let along = dot(normal, ray.dir);
@@ -279,7 +305,7 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: boo
                     continue;
                 }
                 let q = terms_at(ray, id, out.t);
-                if !(faces(q.slope, front) && q.support < 1.0) {
+                if !(q.support < 1.0 && is_on_sheet(sheet, id, q.slope)) {
                     continue;
                 }
                 let w = field_weight(q.support);
@@ -289,7 +315,7 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: boo
             }
         }
         let change = value / rate;
-        if total > LEAST_WEIGHT && abs(change) < radius * MOST_STEP_IN_RADII {
+        if total > LEAST_WEIGHT && faces(sheet, rate) && abs(change) < radius * MOST_STEP_IN_RADII {
             out.t -= change;
         }
     }

@@ -16,6 +16,8 @@ pub mod ewa;
 mod figure_tests;
 pub mod fragment;
 pub mod frame;
+#[cfg(test)]
+mod grazing_tests;
 pub mod hits;
 #[cfg(test)]
 mod moved_tests;
@@ -33,8 +35,6 @@ pub(crate) mod tied;
 #[cfg(test)]
 mod tied_tests;
 pub(crate) mod turns;
-#[cfg(test)]
-mod turns_tests;
 
 pub use frame::Frame;
 pub use settings::{Clip, Inside, Partners, SplatSettings, Unknown};

@@ -11,6 +11,8 @@
 //! * Wicke 2004 §3.3 takes fragments where a ray meets a *disk*. Here each surfel offers the ray's roots with its own
 //!   quadric inside its support ball: a grazing ray that passes between edge-on disks still finds the surface, and one
 //!   surfel at a silhouette serves both the surface facing the eye and the one facing away.
+//! * All surfels of a sheet that the ray meets edge-on count in the solve, also those that turn the other way (`Sheet`): a disk
+//!   faces one way, and a silhouette both.
 //! * The weights of the solve are those of the field that other leaves ask, (1 − |e|²/r²)⁴, over every surfel whose
 //!   ball reaches x₀; so a leaf's own hits lie on the very surface that clips its partners, and edges stay closed.
 //!
@@ -22,8 +24,10 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
 use super::project::ViewSurfel;
+use crate::surfel::SAME_SHEET;
 
-/// Squared cosine between a ray and the normal below which a miss is a silhouette: 75° and more off the normal.
+/// Squared cosine between a ray and the normal below which the surface is met edge-on, and a miss is a silhouette: 75° and more off
+/// the normal.
 pub(crate) const GRAZING_COSINE_SQUARED: f32 = 0.067;
 
 /// A candidate's weight (1 − |e|²/r²)² above which it alone proves the surface: the ray passes within 0.7 of its radius.
@@ -349,6 +353,7 @@ pub fn solve<S: Simd>(
     let (mut normal, mut slope, mut colour, mut opacity) = ([zero; 3], [zero; 3], [zero; 3], zero);
     reaching.clear();
     let span = row.span(start, lanes);
+    let sheet = Sheet::of(row, surfels, slot);
     for &member in members {
         let s = &surfels[member as usize];
         if s.near > span.1 || s.far < span.0 {
@@ -356,7 +361,7 @@ pub fn solve<S: Simd>(
         }
         let q = row.quadric(s);
         let f = field(row, s, &q, start);
-        let faces = if slot.front { f.slope.simd_lt(0.0) } else { f.slope.simd_gt(0.0) };
+        let faces = sheet.holds(s, f.slope);
         let counts = lanes & faces & f.support.simd_lt(1.0);
         if counts.all_false() {
             continue;
@@ -378,7 +383,8 @@ pub fn solve<S: Simd>(
     let root = square.max(0.0).sqrt();
     let denominator = if slot.front { root - a1 } else { -a1 - root };
     let tau = a0 * 2.0 / denominator;
-    let sign_right = if slot.front { a1.simd_lt(0.0) } else { a1.simd_gt(0.0) };
+    // Edge-on, the mean candidate may lie beyond where the ray is nearest to the surface: the root lies before.
+    let sign_right = sheet.may_face(a1 / weight);
     let near = tau.abs().simd_lt(slot.best_radius * FARTHEST_SOLVE_IN_RADII);
     let solved = lanes & square.simd_ge(0.0) & sign_right & near & weight.simd_gt(LEAST_WEIGHT);
     // A ray that misses passes the surface at a grazing angle: that is a silhouette, and the group is dropped. A steep ray
@@ -405,7 +411,7 @@ pub fn solve<S: Simd>(
             let s = &surfels[member as usize];
             let q = row.quadric(s);
             let f = field(row, s, &q, t);
-            let faces = if slot.front { f.slope.simd_lt(0.0) } else { f.slope.simd_gt(0.0) };
+            let faces = sheet.holds(s, f.slope);
             let counts = lanes & faces & f.support.simd_lt(1.0);
             if counts.all_false() {
                 continue;
@@ -416,12 +422,54 @@ pub fn solve<S: Simd>(
             rate += w * f.slope;
         }
         let step = value / rate;
-        let good = solved & total.simd_gt(LEAST_WEIGHT) & step.abs().simd_lt(slot.best_radius * MOST_STEP_IN_RADII);
+        let small = step.abs().simd_lt(slot.best_radius * MOST_STEP_IN_RADII);
+        let good = solved & total.simd_gt(LEAST_WEIGHT) & sheet.faces(rate) & small;
         t = good.select(t - step, t);
     }
     let share = row.splat(1.0) / weight;
     let weightless = lanes & weight.simd_le(LEAST_WEIGHT);
     Solution { lanes, dropped, weightless, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
+}
+
+/// Which surfels are of the surface that a slot is about: those that the ray meets from its side, and those of the same sheet that
+/// the ray meets edge-on, whichever way they turn. Without the latter a ray that just misses a silhouette meets the half of it
+/// that faces it.
+struct Sheet<S: Simd> {
+    front: bool,
+    /// Normals of the slot's nearest surfels.
+    normal: [f32x8<S>; 3],
+    /// Slopes along the ray up to which it is met edge-on.
+    edge_on: f32x8<S>,
+}
+
+impl<S: Simd> Sheet<S> {
+    #[inline(always)]
+    fn of(row: &Row<S>, surfels: &[ViewSurfel], slot: &Slot<S>) -> Self {
+        let best: [u32; LANES] = slot.best.into();
+        let of_best = |k: usize| std::array::from_fn(|lane| surfels[best[lane] as usize].normal[k]);
+        let normal = std::array::from_fn(|k| f32x8::load_array(row.simd, of_best(k)));
+        let ray = row.dir_x * row.dir_x + (row.dir_y * row.dir_y + 1.0);
+        Self { front: slot.front, normal, edge_on: (ray * GRAZING_COSINE_SQUARED).sqrt() }
+    }
+
+    /// Whether a field of this slope is met from the slot's side.
+    #[inline(always)]
+    fn faces(&self, slope: f32x8<S>) -> mask32x8<S> {
+        if self.front { slope.simd_lt(0.0) } else { slope.simd_gt(0.0) }
+    }
+
+    /// Whether it is so, or edge-on.
+    #[inline(always)]
+    fn may_face(&self, slope: f32x8<S>) -> mask32x8<S> {
+        if self.front { slope.simd_lt(self.edge_on) } else { slope.simd_gt(-self.edge_on) }
+    }
+
+    #[inline(always)]
+    fn holds(&self, s: &ViewSurfel, slope: f32x8<S>) -> mask32x8<S> {
+        let [x, y, z] = self.normal;
+        let same = (x * s.normal[0] + y * s.normal[1] + z * s.normal[2]).simd_gt(SAME_SHEET);
+        self.faces(slope) | (same & self.may_face(slope))
+    }
 }
 
 /// One surfel's terms of the field at depth `t`.

@@ -34,6 +34,7 @@ mod test_shapes;
 use glam::{DVec3, Mat3, Vec3};
 
 pub use cloud::{CloudNotes, CloudOptions, from_cloud};
+pub(crate) use curvature::SAME_SHEET;
 pub use mesh::from_mesh;
 pub use solid::from_solid;
 

@@ -13,6 +13,7 @@ use crate::gpu::layers::LayerRecord;
 use crate::gpu::shader::Shader;
 use crate::splat::bins::BLOCK;
 use crate::splat::{self, ewa, project, rows, surface, tied, turns};
+use crate::surfel::SAME_SHEET;
 
 /// Every module, for scenes of few leaves and of many.
 pub(in crate::gpu) fn all() -> Vec<Shader> {
@@ -136,6 +137,7 @@ fn sides(shader: Shader, leaf_words: u32) -> Shader {
         .with_constant("UNFINISHED", UNFINISHED)
         .with_constant("FIRST_PIXEL", FIRST_PIXEL)
         .with_constant("GRAZING_COSINE_SQUARED", rows::GRAZING_COSINE_SQUARED)
+        .with_constant("SAME_SHEET", SAME_SHEET)
         .with_constant("SURE_WEIGHT", rows::SURE_WEIGHT)
         .with_constant("LEAST_WEIGHT", rows::LEAST_WEIGHT)
         .with_constant("FARTHEST_SOLVE_IN_RADII", rows::FARTHEST_SOLVE_IN_RADII)
