@@ -184,10 +184,10 @@ impl LeafField {
         if self.exact.is_some() || self.kind == LeafKind::Sheet {
             return self.ball(centre_in_world, f64::from(radius));
         }
-        if let Some((p, distance, membership)) = scratch.steady
-            && centre_in_world.distance(p) + f64::from(radius) < distance
-        {
-            return membership;
+        let holds =
+            |(p, distance, _): &&(DVec3, f64, Membership)| centre_in_world.distance(*p) + f64::from(radius) < *distance;
+        if let Some((_, _, membership)) = scratch.steady.iter().rev().find(holds) {
+            return *membership;
         }
         let found = &mut scratch.found;
         self.tree.touching(&self.cloud, centre_in_world, f64::from(radius), found);
@@ -200,7 +200,7 @@ impl LeafField {
             if !(f64::from(radius) < distance) {
                 return Membership::Near;
             }
-            scratch.steady = Some((centre_in_world, distance, side(far.inside)));
+            scratch.steady.push((centre_in_world, distance, side(far.inside)));
             return side(far.inside);
         };
         let height = |t: u32| {
@@ -326,8 +326,9 @@ struct FieldAt {
 #[derive(Debug, Default)]
 pub struct BallScratch {
     found: Vec<(u32, f32)>,
-    /// A point that no surfel of the leaf reaches, and how far around it which side holds.
-    steady: Option<(DVec3, f64, Membership)>,
+    /// Points that no surfel of the leaf reaches, and how far around each which side holds; at most one for each surfel of the
+    /// chunk, and the last is the likeliest to hold.
+    steady: Vec<(DVec3, f64, Membership)>,
 }
 
 /// The side of a point that no surfel reaches.
