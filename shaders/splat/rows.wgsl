@@ -206,18 +206,23 @@ struct Solution {
     opacity: f32,
 }
 
-// Which surfels are of the surface that a group is about: those that the ray meets from its side, and those of the same sheet that
-// the ray meets edge-on, whichever way they turn.
+// Which surfels are of the surface that a group is about: those that the ray meets from its side, and, where the nearest is met
+// edge-on, those of the same sheet that are so too, whichever way they turn.
 struct Sheet {
     front: bool,
     // That of the group's nearest surfel.
     normal: vec3<f32>,
-    // The slope along the ray up to which it is met edge-on.
+    // The slope along the ray up to which a surfel is met edge-on; 0 where the nearest is not.
     edge_on: f32,
 }
 
+fn is_edge_on(id: u32) -> bool {
+    return (views[id].owner & (MAY_ENTER | MAY_LEAVE)) == (MAY_ENTER | MAY_LEAVE);
+}
+
 fn sheet_of(ray: Ray, group: Group, front: bool) -> Sheet {
-    return Sheet(front, views[group.best].normal, sqrt(dot(ray.dir, ray.dir) * GRAZING_COSINE_SQUARED));
+    let grazing = select(0.0, GRAZING_COSINE_SQUARED, is_edge_on(group.best));
+    return Sheet(front, views[group.best].normal, sqrt(dot(ray.dir, ray.dir) * grazing));
 }
 
 // Whether a field of this slope is met from the group's side.
@@ -231,7 +236,8 @@ fn may_face(sheet: Sheet, slope: f32) -> bool {
 }
 
 fn is_on_sheet(sheet: Sheet, id: u32, slope: f32) -> bool {
-    return faces(sheet, slope) || (dot(sheet.normal, views[id].normal) > SAME_SHEET && may_face(sheet, slope));
+    let of_sheet = dot(sheet.normal, views[id].normal) > SAME_SHEET;
+    return faces(sheet, slope) || (is_edge_on(id) && of_sheet && may_face(sheet, slope));
 }
 
 // With `crosses` the ray is known to meet the surface, and is not dropped.

@@ -512,7 +512,7 @@ impl<'a> TileTracer<'a> {
                 }
             }
             let surfels = || runs.iter().flat_map(|run| run.members).map(|&m| &tile.surfels[m as usize]);
-            let edge_on = |s: &ViewSurfel| s.class.drawn().is_some() && s.may_enter && s.may_leave;
+            let edge_on = |s: &ViewSurfel| s.class.drawn().is_some() && s.is_edge_on();
             let may_be_crossed = surfels().any(|s| s.class.is_edge() || edge_on(s));
             each(block, Seen::Traced { hits: &hits, may_be_crossed });
         }

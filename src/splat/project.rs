@@ -83,6 +83,13 @@ pub struct ViewSurfel {
     pub may_leave: bool,
 }
 
+impl ViewSurfel {
+    /// Whether rays can both enter and leave the leaf here, as beside a silhouette.
+    pub fn is_edge_on(&self) -> bool {
+        self.may_enter && self.may_leave
+    }
+}
+
 /// A camera with the view axes in both precisions.
 #[derive(Debug, Clone)]
 pub struct View {

@@ -431,14 +431,14 @@ pub fn solve<S: Simd>(
     Solution { lanes, dropped, weightless, t, normal, colour: colour.map(|c| c * share), opacity: opacity * share }
 }
 
-/// Which surfels are of the surface that a slot is about: those that the ray meets from its side, and those of the same sheet that
-/// the ray meets edge-on, whichever way they turn. Without the latter a ray that just misses a silhouette meets the half of it
-/// that faces it.
+/// Which surfels are of the surface that a slot is about: those that the ray meets from its side, and, where the nearest is met
+/// edge-on, those of the same sheet that are so too, whichever way they turn. Without the latter a ray that just misses a silhouette
+/// meets the half of it that faces it.
 struct Sheet<S: Simd> {
     front: bool,
     /// Normals of the slot's nearest surfels.
     normal: [f32x8<S>; 3],
-    /// Slopes along the ray up to which it is met edge-on.
+    /// Slopes along the ray up to which a surfel is met edge-on; 0 where the nearest is not.
     edge_on: f32x8<S>,
 }
 
@@ -448,8 +448,12 @@ impl<S: Simd> Sheet<S> {
         let best: [u32; LANES] = slot.best.into();
         let of_best = |k: usize| std::array::from_fn(|lane| surfels[best[lane] as usize].normal[k]);
         let normal = std::array::from_fn(|k| f32x8::load_array(row.simd, of_best(k)));
+        let grazing = std::array::from_fn(|lane| match &surfels[best[lane] as usize] {
+            s if s.is_edge_on() => GRAZING_COSINE_SQUARED,
+            _ => 0.0,
+        });
         let ray = row.dir_x * row.dir_x + (row.dir_y * row.dir_y + 1.0);
-        Self { front: slot.front, normal, edge_on: (ray * GRAZING_COSINE_SQUARED).sqrt() }
+        Self { front: slot.front, normal, edge_on: (ray * f32x8::load_array(row.simd, grazing)).sqrt() }
     }
 
     /// Whether a field of this slope is met from the slot's side.
@@ -466,6 +470,9 @@ impl<S: Simd> Sheet<S> {
 
     #[inline(always)]
     fn holds(&self, s: &ViewSurfel, slope: f32x8<S>) -> mask32x8<S> {
+        if !s.is_edge_on() {
+            return self.faces(slope);
+        }
         let [x, y, z] = self.normal;
         let same = (x * s.normal[0] + y * s.normal[1] + z * s.normal[2]).simd_gt(SAME_SHEET);
         self.faces(slope) | (same & self.may_face(slope))
