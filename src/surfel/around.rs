@@ -60,7 +60,7 @@ impl Scratch {
         let ring = self.found.iter().filter(|f| f.0 != i as u32).take(RING).last().map_or(0.0, |f| f.1);
         self.keep_sheet(sheets, i);
         let mut curvature = curvature::fit(n, &self.sheet);
-        let fitted_to = self.sheet.iter().take(curvature::NEIGHBOURS).last().map_or(0.0, |(e, _)| e.length());
+        let fitted_to = self.sheet.iter().take(curvature::NEIGHBOURS).next_back().map_or(0.0, |(e, _)| e.length());
         let agreement = self.agreement(points, normals, i);
         let minority = self.sheet.len() < RING;
         let mut cover = self.cover(n);
