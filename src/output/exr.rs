@@ -57,15 +57,16 @@ pub fn write(
         software_name: Some(text(SOFTWARE)),
         ..LayerAttributes::default()
     };
-    let texts = [("scene", &info.scene), ("units", &info.units)];
-    for (key, value) in texts.into_iter().filter_map(|(key, value)| Some((key, value.as_ref()?))) {
-        attributes.other.insert(text(key), AttributeValue::Text(text(value)));
-    }
+    let note = |value: &str| AttributeValue::Text(text(value));
+    attributes.other.extend(info.scene.as_deref().map(|scene| (text("scene"), note(scene))));
     // Run lengths in scan lines: 3 times as fast as ZIP; every reader takes scan lines.
     let encoding =
         Encoding { compression: Compression::RLE, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let layer = Layer::new((size.0 as usize, size.1 as usize), attributes, encoding, channels);
-    let image = Image::from_layer(layer);
+    let mut image = Image::from_layer(layer);
+    // The crate keeps further attributes in two tables without an order: with one in each, files with the same content are the
+    // same bytes.
+    image.attributes.other.extend(info.units.as_deref().map(|units| (text("units"), note(units))));
     // The format goes back to fill in its table of offsets, which neither a pipe nor a plain writer can.
     let mut encoded = Cursor::new(Vec::new());
     image.write().to_buffered(&mut encoded).map_err(|error| match error {
@@ -290,6 +291,12 @@ mod tests {
             write(&picture, &stack, &Light::default(), None, &info, &destination, false),
             Err(OutputError::Exists { .. })
         ));
+        // The same bytes each time, whatever order the crate's tables have.
+        let bytes = std::fs::read(&path).unwrap();
+        for _ in 0..8 {
+            write(&picture, &stack, &Light::default(), None, &info, &destination, true).unwrap();
+            assert!(std::fs::read(&path).unwrap() == bytes);
+        }
         let image = read()
             .no_deep_data()
             .largest_resolution_level()
