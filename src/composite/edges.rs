@@ -19,14 +19,13 @@
 //!
 //! *Practice.* A surface that bends within a few pixels, as a scan's corner that its surfels round off, has a crease where
 //! its normal turns fastest, if over three pixels it turns by more than the threshold; a curved surface turns evenly and has
-//! none. Where nothing changes between two pixels, which is nearly everywhere, [`FacetRow::all_go_on`] is all that runs. Each pair
+//! none. Where nothing changes between two pixels, which is nearly everywhere, [`FacetRow::compare`] is all that runs. Each pair
 //! of pixels is looked at by the tile of its left or upper one alone.
 
-use fearless_simd::Level;
-use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd};
 use glam::Vec2;
 
-use super::facets::{Facet, FacetRow, FacetStrip, Fate, Limits};
+use super::facets::{Facet, FacetRow, FacetStrip, Fates, Limits};
 use crate::layers::NO_LEAF;
 use crate::scene::style::LineSettings;
 
@@ -106,7 +105,7 @@ pub(super) struct Detector<'a> {
 /// Buffers of a tile.
 #[derive(Default)]
 struct Scratch {
-    fates: Vec<Fate>,
+    fates: Fates,
     /// The facets of two pixels.
     pair: [Vec<Facet>; 2],
     /// By pixel of the tile.
@@ -158,7 +157,7 @@ impl<'a> Detector<'a> {
             return EdgePoints::default();
         }
         let found =
-            fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.found(index)));
+            fearless_simd::dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.found(simd, index)));
         if found.is_empty() {
             return EdgePoints::default();
         }
@@ -180,7 +179,7 @@ impl<'a> Detector<'a> {
 
     /// The points of tile `index` with the numbers of their pixels, row by row.
     #[inline(always)]
-    fn found(&self, index: usize) -> Vec<(u32, EdgePoint)> {
+    fn found<S: Simd>(&self, simd: S, index: usize) -> Vec<(u32, EdgePoint)> {
         let rect = self.strip.tile(index).rect;
         let mut scratch = Scratch::default();
         let (mut upper, mut lower) = (FacetRow::default(), FacetRow::default());
@@ -188,7 +187,7 @@ impl<'a> Detector<'a> {
         for y in rect.y0..rect.y1 {
             let (first, across) = ((y - rect.y0) * rect.width(), rect.width() as usize);
             let row = Row { facets: &upper, across, first, x0: rect.x0, y };
-            self.beside(row, &mut scratch);
+            self.beside(simd, row, &mut scratch);
             if y + 1 < rect.y1 {
                 lower.fill(self.strip, index, y + 1 - rect.y0);
             } else if y + 1 < self.strip.y1 {
@@ -197,7 +196,7 @@ impl<'a> Detector<'a> {
             } else {
                 break;
             }
-            self.below(row, &lower, &mut scratch);
+            self.below(simd, row, &lower, &mut scratch);
             std::mem::swap(&mut upper, &mut lower);
         }
         scratch.found
@@ -205,7 +204,7 @@ impl<'a> Detector<'a> {
 
     /// Compares the pixels of a row each with the next, the last one with the next tile's first.
     #[inline(always)]
-    fn beside(&self, row: Row, scratch: &mut Scratch) {
+    fn beside<S: Simd>(&self, simd: S, row: Row, scratch: &mut Scratch) {
         let offsets = &row.facets.offsets[..];
         let pixels = offsets.len() - 1;
         let mut x = 0;
@@ -216,10 +215,9 @@ impl<'a> Detector<'a> {
                 x += 1;
             }
             let (a, count) = (offsets[begin] as usize..offsets[x] as usize, count as usize);
-            let next = a.start + count..a.end + count;
-            if !row.facets.all_go_on(a.clone(), row.facets, next.clone(), 0, &self.limits) {
-                row.facets.fates(a.clone(), row.facets, next.clone(), 0, &self.limits, &mut scratch.fates);
-                self.slow_pairs(row, row.facets, (a.start, next.start), (1, 0), scratch);
+            let (first, next) = (a.start, a.start + count);
+            if !row.facets.compare(simd, a, (row.facets, next), 0, &self.limits, &mut scratch.fates) {
+                self.slow_pairs(row, row.facets, (first, next), (1, 0), scratch);
             }
             if x + 1 < pixels {
                 self.slow_pair(row, x, (row.facets, x + 1), 0, scratch);
@@ -230,7 +228,7 @@ impl<'a> Detector<'a> {
 
     /// Compares the pixels of a row with those of the row below.
     #[inline(always)]
-    fn below(&self, row: Row, below: &FacetRow, scratch: &mut Scratch) {
+    fn below<S: Simd>(&self, simd: S, row: Row, below: &FacetRow, scratch: &mut Scratch) {
         let (offsets, others) = (&row.facets.offsets[..], &below.offsets[..]);
         let across = row.across;
         let is_one_run = offsets == others;
@@ -245,10 +243,9 @@ impl<'a> Detector<'a> {
                 x += 1;
             }
             let a = offsets[begin] as usize..offsets[x] as usize;
-            let b = others[begin] as usize..others[x] as usize;
-            if !row.facets.all_go_on(a.clone(), below, b.clone(), 1, &self.limits) {
-                row.facets.fates(a.clone(), below, b.clone(), 1, &self.limits, &mut scratch.fates);
-                self.slow_pairs(row, below, (a.start, b.start), (0, 1), scratch);
+            let (first, under) = (a.start, others[begin] as usize);
+            if !row.facets.compare(simd, a, (below, under), 1, &self.limits, &mut scratch.fates) {
+                self.slow_pairs(row, below, (first, under), (0, 1), scratch);
             }
             if x < across {
                 self.slow_pair(row, x, (below, x), 1, scratch);
@@ -269,17 +266,20 @@ impl<'a> Detector<'a> {
         scratch: &mut Scratch,
     ) {
         let mut from = 0;
-        while let Some(ahead) = scratch.fates[from..].iter().position(|fate| *fate != Fate::GoesOn) {
-            let pixel = row.pixel_of(first.0 + from + ahead);
+        while let Some(number) = scratch.fates.first_from(from) {
+            let pixel = row.pixel_of(first.0 + number);
             let of_pixel = [pixel, pixel + 1].map(|pixel| row.facets.offsets[pixel] as usize - first.0);
             from = of_pixel[1];
-            if scratch.fates[of_pixel[0]..of_pixel[1]].contains(&Fate::Ends) {
+            if (of_pixel[0]..of_pixel[1]).any(|i| scratch.fates.ends(i)) {
                 self.slow_pair(row, pixel, (others, pixel + step), axis, scratch);
                 continue;
             }
             // Each is matched with its like, so all there can be is creases.
             let place = Place { x: row.x0 + pixel as u32, y: row.y, axis };
-            for (layer, i) in (of_pixel[0]..of_pixel[1]).enumerate().filter(|(_, i)| scratch.fates[*i] == Fate::Turns) {
+            for (layer, i) in (of_pixel[0]..of_pixel[1]).enumerate() {
+                if !scratch.fates.turns(i) {
+                    continue;
+                }
                 let (a, b) = (row.facets.get(first.0 + i), others.get(first.1 + i));
                 if let Some(edge) = self.crease(&a, &b, place) {
                     let point = EdgePoint { layer: layer as u16, until: layer as u16 + 1, ..edge };

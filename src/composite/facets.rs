@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x8};
 use glam::Vec3;
 
 use crate::layers::{Boundary, Facing, LayerTile, TILE_SIDE, sample_offsets};
@@ -13,6 +15,9 @@ use crate::space::{Camera, Projection};
 /// A surface seen at a grazing angle steps by at most so many footprints a pixel: its true slope has no limit, and what it
 /// predicts beyond this is worth nothing.
 pub(crate) const STEEPEST: f32 = 50.0;
+
+/// Facets that are compared at once.
+const LANES: usize = 8;
 
 /// A boundary at one pixel.
 #[derive(Debug, Clone, Copy)]
@@ -40,11 +45,14 @@ impl Facet {
 }
 
 /// The facets of a row of a tile's pixels and of the next tile's first, pixel by pixel and front to back, one sample's alone; an
-/// array for each of their values, so that many are compared at once. Its buffers are kept from row to row.
+/// array for each of their values, so that many are compared at once. Its buffers are kept from row to row and only grow: what is
+/// behind the row's facets means nothing.
 #[derive(Debug, Default)]
 pub(super) struct FacetRow {
     /// By pixel and one more: where its facets begin.
     pub offsets: Vec<u32>,
+    /// How many there are.
+    count: usize,
     /// By facet: the column of its pixel, from the tile's first.
     pub columns: Vec<i32>,
     depth: Vec<f32>,
@@ -104,20 +112,33 @@ impl FacetRow {
     /// Takes over what the boundaries `own` and `beside` say.
     #[inline(always)]
     fn gather(&mut self, own: &[Boundary], beside: &[Boundary]) {
-        let count = own.len() + beside.len();
-        self.columns.resize(count, 0);
-        self.leaf.resize(count, 0);
-        let arrays = [&mut self.depth, &mut self.px_per_unit, &mut self.facing];
-        arrays.into_iter().chain(&mut self.step).chain(&mut self.normal).for_each(|array| array.resize(count, 0.0));
+        self.count = own.len() + beside.len();
+        if self.columns.len() < self.count + LANES {
+            self.grow();
+        }
         self.take(0, own);
         self.take(own.len(), beside);
-        let (columns, mut column) = (&mut self.columns[..count], 0);
-        for (i, of_facet) in columns.iter_mut().enumerate() {
-            while i >= self.offsets[column + 1] as usize {
-                column += 1;
+        let columns = &mut self.columns[..self.count + LANES];
+        for (of_pixel, column) in self.offsets.windows(2).zip(0..) {
+            let (from, to) = (of_pixel[0] as usize, of_pixel[1] as usize);
+            // Nearly all pixels have fewer than this; what is too much is the next pixel's.
+            if let Some(lanes) = columns[from..].first_chunk_mut::<LANES>() {
+                *lanes = [column; LANES];
             }
-            *of_facet = column as i32;
+            if to > from + LANES {
+                columns[from + LANES..to].fill(column);
+            }
         }
+    }
+
+    /// Makes room for as many facets as there are, and some more.
+    #[cold]
+    fn grow(&mut self) {
+        let room = (self.count + LANES).next_power_of_two();
+        self.columns.resize(room, 0);
+        self.leaf.resize(room, 0);
+        let arrays = [&mut self.depth, &mut self.px_per_unit, &mut self.facing];
+        arrays.into_iter().chain(&mut self.step).chain(&mut self.normal).for_each(|array| array.resize(room, 0.0));
     }
 
     /// Takes over what `boundaries` say, from number `first` on.
@@ -140,7 +161,7 @@ impl FacetRow {
     /// Finds the slopes at pixels of row `y` of the picture, the first of them at column `x0`.
     #[inline(always)]
     fn slope(&mut self, slopes: &Slopes, x0: u32, y: u32) {
-        let count = self.depth.len();
+        let count = self.count;
         let v = slopes.down_of(y as f32);
         let (depth, columns, px_per_unit) =
             (&self.depth[..count], &self.columns[..count], &mut self.px_per_unit[..count]);
@@ -155,72 +176,77 @@ impl FacetRow {
         }
     }
 
-    /// Whether each of the facets `a` of `self` goes on in the facet of `others` that has its place in `b`, which is as long.
+    /// Learns into `fates` what becomes of each of the facets `a` of `self` in the facet of `others` that has its place in those
+    /// from `b` on. Whether all go on.
     #[inline(always)]
-    pub fn all_go_on(&self, a: Range<usize>, others: &Self, b: Range<usize>, axis: usize, limits: &Limits) -> bool {
-        let mut differ = 0;
-        self.compare(a, others, b, axis, limits, |_, goes_on, turns| differ |= u32::from(!goes_on | turns));
-        differ == 0
-    }
-
-    /// The same, answered for each in `fates`.
-    #[inline(always)]
-    pub fn fates(
+    pub fn compare<S: Simd>(
         &self,
+        simd: S,
         a: Range<usize>,
-        others: &Self,
-        b: Range<usize>,
+        (others, b): (&Self, usize),
         axis: usize,
         limits: &Limits,
-        fates: &mut Vec<Fate>,
-    ) {
-        fates.clear();
-        fates.resize(a.len(), Fate::GoesOn);
-        let fates = &mut fates[..a.len()];
-        self.compare(a, others, b, axis, limits, |i, goes_on, turns| {
-            fates[i] = match (goes_on, turns) {
-                (false, _) => Fate::Ends,
-                (true, true) => Fate::Turns,
-                (true, false) => Fate::GoesOn,
-            };
-        });
-    }
-
-    #[inline(always)]
-    fn compare(
-        &self,
-        a: Range<usize>,
-        others: &Self,
-        b: Range<usize>,
-        axis: usize,
-        limits: &Limits,
-        mut answer: impl FnMut(usize, bool, bool),
-    ) {
+        fates: &mut Fates,
+    ) -> bool {
         let count = a.len();
-        // Slices of one known length: the loop is a vector loop.
-        let (za, zb) = (&self.depth[a.clone()][..count], &others.depth[b.clone()][..count]);
-        let (sa, sb) = (&self.step[axis][a.clone()][..count], &others.step[axis][b.clone()][..count]);
-        let (fa, fb) = (&self.facing[a.clone()][..count], &others.facing[b.clone()][..count]);
-        let [xa, ya, na] = [0, 1, 2].map(|k| &self.normal[k][a.clone()][..count]);
-        let [xb, yb, nb] = [0, 1, 2].map(|k| &others.normal[k][b.clone()][..count]);
-        let scale = &self.px_per_unit[a][..count];
-        for i in 0..count {
-            let goes_on = limits.goes_on((zb[i] - za[i]) * scale[i], sa[i], sb[i]);
-            let cos = xa[i] * xb[i] + ya[i] * yb[i] + na[i] * nb[i];
-            answer(i, goes_on & (fa[i] == fb[i]), !(cos >= limits.least_cos));
+        let groups = count.div_ceil(LANES);
+        fates.groups.resize(groups, [0; 2]);
+        let mut all_go_on = true;
+        for (group, fates) in fates.groups.iter_mut().enumerate() {
+            let (i, j) = (a.start + group * LANES, b + group * LANES);
+            let mine = |of: &[f32]| f32x8::from_slice(simd, &of[i..i + LANES]);
+            let theirs = |of: &[f32]| f32x8::from_slice(simd, &of[j..j + LANES]);
+            let deeper = (theirs(&others.depth) - mine(&self.depth)) * mine(&self.px_per_unit);
+            let (step_a, step_b) = (mine(&self.step[axis]), theirs(&others.step[axis]));
+            let amiss = (deeper - step_a).abs().min((deeper - step_b).abs());
+            let allowed = step_a.abs().min(step_b.abs()) * limits.curved_share + limits.jump_px;
+            let goes_on = amiss.simd_le(allowed) & mine(&self.facing).simd_eq(theirs(&others.facing));
+            let x = mine(&self.normal[0]) * theirs(&others.normal[0]);
+            let y = mine(&self.normal[1]) * theirs(&others.normal[1]);
+            let z = mine(&self.normal[2]) * theirs(&others.normal[2]);
+            let is_turned_little = (x + y + z).simd_ge(limits.least_cos);
+            // What lies behind the last facet has no fate.
+            let asked = u8::MAX >> (LANES - (count - group * LANES).min(LANES));
+            let goes_on = goes_on.to_bitmask() as u8;
+            *fates = [!goes_on & asked, goes_on & !(is_turned_little.to_bitmask() as u8) & asked];
+            all_go_on &= *fates == [0; 2];
         }
+        all_go_on
     }
 }
 
-/// What becomes of a surface between two pixels, as [`Limits`] say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Fate {
-    /// It faces the same way and is near the tangent planes, and its normal is not far from what it was.
-    GoesOn,
-    /// The same, but its normal is.
-    Turns,
-    /// The other pixel has something else in its place.
-    Ends,
+/// What becomes of surfaces between two pixels, as [`Limits`] say, one by one. A surface goes on where it faces the same way and is
+/// near the tangent planes.
+#[derive(Debug, Default)]
+pub(super) struct Fates {
+    /// A bit for each of eight: whether the other pixel has something else in its place; whether it goes on, but its normal is far
+    /// from what it was.
+    groups: Vec<[u8; 2]>,
+}
+
+impl Fates {
+    /// The first from number `from` on that does not simply go on.
+    pub fn first_from(&self, from: usize) -> Option<usize> {
+        let mut known = u8::MAX << (from % LANES);
+        for (group, [ends, turns]) in self.groups.iter().enumerate().skip(from / LANES) {
+            let found = (ends | turns) & known;
+            if found != 0 {
+                return Some(group * LANES + found.trailing_zeros() as usize);
+            }
+            known = u8::MAX;
+        }
+        None
+    }
+
+    /// Whether the other pixel has something else in the place of number `i`.
+    pub fn ends(&self, i: usize) -> bool {
+        self.groups[i / LANES][0] >> (i % LANES) & 1 == 1
+    }
+
+    /// Whether number `i` goes on, but its normal is far from what it was.
+    pub fn turns(&self, i: usize) -> bool {
+        self.groups[i / LANES][1] >> (i % LANES) & 1 == 1
+    }
 }
 
 /// When a surface goes on.

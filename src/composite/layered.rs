@@ -19,15 +19,17 @@
 //! of the pixel.
 
 use super::Look;
+use super::canvas::{Canvas, TileRows};
 use super::lighting::Shader;
 use super::merge::{Content, Contents};
 use super::occlusion::{Depths, Shade};
 use super::picture::Picture;
-use super::shaded::{blend_one, over};
+use super::shaded::over;
 use super::shadow::Shadows;
 use super::strip::{Strip, for_each_strip};
 use super::strokes::LineMaps;
-use crate::layers::{Boundary, LayerSource, LayerTile, TILE_SIDE};
+use super::window::Surfaces;
+use crate::layers::{Boundary, LayerSource, LayerTile};
 use crate::scene::style::{Style, StyleKind};
 
 use std::ops::Range;
@@ -36,13 +38,6 @@ use rayon::prelude::*;
 
 /// Ink that covers less of a pixel than this gives it no depth.
 pub(crate) const INK_HAS_DEPTH: f32 = 0.5;
-
-/// The pixels of a tile, row by row.
-pub(super) struct Composed {
-    pub pixels: Vec<[f32; 4]>,
-    pub depth: Vec<f32>,
-    pub covered: u64,
-}
 
 /// Draws the layers of `source` with their lines, `contents` among them. `heavy` says by leaf whether its outline is drawn
 /// stronger; `shadows` fall on surfaces that are lit.
@@ -66,19 +61,24 @@ pub(super) fn layered(
         heavy,
         on_tile,
         |strip| (inks.suns(strip, strip.own.clone(), shadows, source), shade.as_ref().map(|_| Depths::new(strip))),
-        |strip, (suns, depths), index| {
+        |strip, (suns, depths), index, rows| {
             let tile = &strip.tiles[index];
             let lines = strip.lines(index, tile.rect, false);
-            let mut surfaces = inks.surfaces(tile, &shader, samples, suns.get(index).map_or(&[], |sun| &sun[..]));
+            let layers = Layers { tile, lines: &lines, samples, inks: &inks, contents, background: look.background };
+            if inks.tints {
+                return layers.compose(|number| inks.tint(&tile.boundaries[number]), rows);
+            }
+            let mut surfaces = shader.lit_tile(tile, inks.lit(samples), suns.get(index).map_or(&[], |sun| &sun[..]));
             if let (Some(shade), Some(depths)) = (&shade, depths) {
                 shade.darken(strip, index, depths, &mut surfaces);
             }
-            compose(tile, &lines, &surfaces, samples, &inks, contents, look.background)
+            layers.compose(|number| surfaces[number], rows)
         },
     )
 }
 
-/// Draws `source` strip by strip; `prepare` makes what a strip's tiles share, `compose` a tile's pixels.
+/// Draws `source` strip by strip; `prepare` makes what a strip's tiles share, `compose` draws a tile into its rows and returns
+/// how many of its pixels show a surface.
 pub(super) fn from_strips<P: Sync>(
     source: &dyn LayerSource,
     look: &Look,
@@ -86,54 +86,17 @@ pub(super) fn from_strips<P: Sync>(
     heavy: &[bool],
     on_tile: &(dyn Fn() + Sync),
     prepare: impl Fn(&Strip) -> P,
-    compose: impl Fn(&Strip, &P, usize) -> Composed + Sync,
+    compose: impl Fn(&Strip, &P, usize, &mut TileRows) -> u64 + Sync,
 ) -> Picture {
-    let (width, height) = (source.camera().width, source.camera().height);
-    let across = width as usize;
-    let mut pixels = vec![[0.0; 4]; across * height as usize];
-    let mut depth = vec![0.0; pixels.len()];
+    let mut canvas = Canvas::new(source.camera().width, source.camera().height);
     let mut covered = 0;
     for_each_strip(source, style, heavy, on_tile, |strip| {
         let shared = prepare(strip);
-        let (first, last) = (&strip.tiles[strip.own.start], &strip.tiles[strip.own.end - 1]);
-        let places = first.rect.y0 as usize * across..last.rect.y1 as usize * across;
-        let pixels = rows_of_tiles(&mut pixels[places.clone()], across);
-        let depth = rows_of_tiles(&mut depth[places], across);
-        let tiles = strip.own.clone().into_par_iter().zip(pixels).zip(depth);
-        covered += tiles
-            .map(|((index, pixels), depth)| {
-                let composed = compose(strip, &shared, index);
-                copy_rows(&composed.pixels, pixels);
-                copy_rows(&composed.depth, depth);
-                composed.covered
-            })
-            .sum::<u64>();
+        let (first, last) = (strip.tiles[strip.own.start].rect, strip.tiles[strip.own.end - 1].rect);
+        let tiles = strip.own.clone().into_par_iter().zip(canvas.tiles(first.y0, last.y1));
+        covered += tiles.map(|(index, mut rows)| compose(strip, &shared, index, &mut rows)).sum::<u64>();
     });
-    Picture { width, height, pixels, depth: Some(depth), covered, has_alpha: look.background[3] < 1.0 }
-}
-
-/// The rows of each tile of `band`, some rows of tiles of a picture `across` pixels wide.
-fn rows_of_tiles<T>(band: &mut [T], across: usize) -> Vec<Vec<&mut [T]>> {
-    let side = TILE_SIDE as usize;
-    let mut tiles = Vec::new();
-    for of_row in band.chunks_mut((across * side).max(1)) {
-        let first = tiles.len();
-        tiles.extend((0..across.div_ceil(side)).map(|_| Vec::with_capacity(side)));
-        for line in of_row.chunks_mut(across) {
-            tiles[first..].iter_mut().zip(line.chunks_mut(side)).for_each(|(rows, row)| rows.push(row));
-        }
-    }
-    tiles
-}
-
-/// Copies a tile's values, row by row, to their `rows`.
-fn copy_rows<T: Copy>(values: &[T], rows: Vec<&mut [T]>) {
-    let mut rest = values;
-    for row in rows {
-        let (values, below) = rest.split_at(row.len());
-        row.copy_from_slice(values);
-        rest = below;
-    }
+    canvas.finish(covered, look.background[3] < 1.0)
 }
 
 /// The ink of each layer.
@@ -167,23 +130,29 @@ impl Inks {
         shadows.filter(|_| !self.tints).map(of_strip).unwrap_or_default()
     }
 
-    /// The colours of the surfaces of each tile of `strip`, where the share of `suns` of the light arrives.
-    pub fn of_strip(&self, strip: &Strip, shader: &Shader, samples: u32, suns: &[Vec<f32>]) -> Vec<Vec<[f32; 4]>> {
-        let sun = |index: usize| suns.get(index).map_or(&[][..], |sun| sun);
-        let tiles = strip.tiles.par_iter().enumerate();
-        tiles.map(|(index, tile)| self.surfaces(tile, shader, samples, sun(index))).collect()
+    /// The surfaces of all tiles of `strip`, where the share of `suns` of the light arrives: those that look beside a pixel look into
+    /// the tiles around too.
+    pub(super) fn of_strip(&self, strip: &Strip, shader: &Shader, samples: u32, suns: &[Vec<f32>]) -> Surfaces {
+        Surfaces::new(strip, samples, self.most, |index, lit| {
+            let tile = &strip.tiles[index];
+            if self.tints {
+                lit.iter_mut().zip(&tile.boundaries).for_each(|(lit, boundary)| *lit = self.tint(boundary));
+            } else {
+                shader.light_tile(tile, self.lit(samples), suns.get(index).map_or(&[], |sun| &sun[..]), lit);
+            }
+        })
     }
 
-    /// The colours of a tile's surfaces, in the order of its boundaries, with their opacities; those beyond the last layer drawn
-    /// may be nothing. The share of `sun` of the light arrives, or all where that is empty.
-    pub fn surfaces(&self, tile: &LayerTile, shader: &Shader, samples: u32, sun: &[f32]) -> Vec<[f32; 4]> {
-        if self.tints {
-            let [r, g, b] = self.colour;
-            tile.boundaries.iter().map(|boundary| [r, g, b, boundary.opacity.clamp(0.0, 1.0)]).collect()
-        } else {
-            // The first boundaries of a pixel are the first layers of its only sample.
-            shader.lit_tile(tile, if samples == 1 { self.most } else { usize::MAX }, sun)
-        }
+    /// The colour and opacity of a surface that has the ink's.
+    #[inline(always)]
+    fn tint(&self, boundary: &Boundary) -> [f32; 4] {
+        let [r, g, b] = self.colour;
+        [r, g, b, boundary.opacity.clamp(0.0, 1.0)]
+    }
+
+    /// Boundaries of a pixel that are lit: the first ones are the first layers of its only sample.
+    fn lit(&self, samples: u32) -> usize {
+        if samples == 1 { self.most } else { usize::MAX }
     }
 }
 
@@ -257,68 +226,83 @@ impl Gathered {
     }
 }
 
-/// The pixels of a tile: its layers, of the lit colours and opacities `surfaces`, under their `lines`, and `contents` among
-/// them.
-pub(super) fn compose(
-    tile: &LayerTile,
-    lines: &LineMaps,
-    surfaces: &[[f32; 4]],
-    samples: u32,
-    inks: &Inks,
-    contents: &Contents,
-    background: [f32; 4],
-) -> Composed {
-    let area = tile.rect.area();
-    let (mut pixels, mut depth) = (vec![background; area], vec![f32::INFINITY; area]);
-    let mut covered = 0;
-    if tile.boundaries.is_empty() && lines.len() == 0 && contents.is_empty() {
-        return Composed { pixels, depth, covered };
-    }
-    if lines.len() == 0 && samples == 1 && contents.is_empty() {
-        // Surfaces alone, as most tiles of a shaded scan are.
-        for (pixel, of_pixel) in tile.offsets.windows(2).enumerate().filter(|(_, of_pixel)| of_pixel[0] < of_pixel[1]) {
-            let (from, to) = (of_pixel[0] as usize, of_pixel[1] as usize);
-            let to = to.min(from.saturating_add(inks.most));
-            let shown = surfaces[from..to].iter().position(|surface| surface[3] > 0.0);
-            depth[pixel] = shown.map_or(f32::INFINITY, |first| tile.boundaries[from + first].depth);
-            pixels[pixel] = blend_one(&surfaces[from..to], background);
-            covered += 1;
+/// What a tile's pixels are composed of.
+pub(super) struct Layers<'a> {
+    pub tile: &'a LayerTile,
+    pub lines: &'a LineMaps,
+    pub samples: u32,
+    pub inks: &'a Inks,
+    /// What stands among the layers.
+    pub contents: &'a Contents,
+    pub background: [f32; 4],
+}
+
+impl Layers<'_> {
+    /// Draws the layers, with the colours and opacities of `surface` by the number of the boundary, under their lines. Returns how
+    /// many pixels show a surface.
+    pub fn compose(&self, surface: impl Fn(usize) -> [f32; 4] + Copy, rows: &mut TileRows) -> u64 {
+        let Self { tile, lines, samples, inks, contents, background } = *self;
+        if tile.boundaries.is_empty() && lines.len() == 0 && contents.is_empty() {
+            rows.clear(background);
+            return 0;
         }
-        return Composed { pixels, depth, covered };
-    }
-    let ink_at = |layer: usize, pixel: usize| {
-        lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]))
-    };
-    let is_crossed = crossed(lines, area);
-    let mut found = Vec::new();
-    for pixel in 0..area {
-        let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
-        covered += u64::from(from < to);
-        if samples == 1 && contents.is_empty() && !is_crossed[pixel] {
-            if from < to {
-                let to = to.min(from.saturating_add(inks.most));
-                (pixels[pixel], depth[pixel]) = bare(&tile.boundaries[from..to], &surfaces[from..to], background);
+        let are_surfaces_alone = samples == 1 && contents.is_empty();
+        let across = tile.rect.width() as usize;
+        let mut covered = 0;
+        let mut found = Vec::new();
+        for (row, (pixels, depths)) in rows.pixels.iter_mut().zip(&mut rows.depth).enumerate() {
+            let first = row * across;
+            let offsets = &tile.offsets[first..=first + across];
+            for (column, ((of_pixel, pixel), depth)) in
+                offsets.windows(2).zip(pixels.iter_mut()).zip(depths.iter_mut()).enumerate()
+            {
+                let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
+                covered += u64::from(!of_pixel.is_empty());
+                if are_surfaces_alone && !lines.cross(first + column) {
+                    let to = of_pixel.end.min(of_pixel.start.saturating_add(inks.most));
+                    (*pixel, *depth) = match of_pixel.is_empty() {
+                        true => (background, f32::INFINITY),
+                        false => self.bare(of_pixel.start..to, surface),
+                    };
+                    continue;
+                }
+                let (x, y) = (tile.rect.x0 + column as u32, tile.rect.y0 + row as u32);
+                contents.at(x, y, &mut found);
+                (*pixel, *depth) = match of_pixel.is_empty() && found.is_empty() && !lines.cross(first + column) {
+                    true => (background, f32::INFINITY),
+                    false => self.inked(first + column, of_pixel, surface, &found),
+                };
             }
-            continue;
         }
-        let (x, y) = (pixel as u32 % tile.rect.width(), pixel as u32 / tile.rect.width());
-        contents.at(tile.rect.x0 + x, tile.rect.y0 + y, &mut found);
-        if from == to && found.is_empty() && (0..lines.len()).all(|layer| ink_at(layer, pixel).0 == 0.0) {
-            continue;
-        }
-        let (mut light, mut through) = ([0.0; 3], 0.0);
+        covered
+    }
+
+    /// A pixel of the boundaries `of_pixel` under its lines, with what is `found` among them; and its depth.
+    #[inline(never)]
+    fn inked(
+        &self,
+        pixel: usize,
+        of_pixel: Range<usize>,
+        surface: impl Fn(usize) -> [f32; 4],
+        found: &[Content],
+    ) -> ([f32; 4], f32) {
+        let Self { tile, lines, samples, inks, background, .. } = *self;
+        let ink_at =
+            |layer: usize| lines.layer(layer).map_or((0.0, f32::INFINITY), |map| (map.ink[pixel], map.depth[pixel]));
+        let (mut light, mut through, mut depth) = ([0.0; 3], 0.0, f32::INFINITY);
         for sample in 0..samples {
             let mut gathered = Gathered::new();
             let mut layer = 0;
             let mut waiting = found.iter().peekable();
-            for (boundary, &[r, g, b, a]) in tile.boundaries[from..to].iter().zip(&surfaces[from..to]) {
+            for number in of_pixel.clone() {
+                let boundary = &tile.boundaries[number];
                 if samples > 1 && boundary.samples >> sample & 1 == 0 {
                     continue;
                 }
                 while let Some(content) = waiting.next_if(|content| content.depth < boundary.depth) {
                     gathered.add_content(content);
                 }
-                let (ink, ink_depth) = ink_at(layer, pixel);
+                let ((ink, ink_depth), [r, g, b, a]) = (ink_at(layer), surface(number));
                 gathered.add(inks, ink, ink_depth, [a * r, a * g, a * b, a], boundary.depth);
                 layer += 1;
                 if gathered.is_opaque() || layer >= inks.most {
@@ -327,7 +311,7 @@ pub(super) fn compose(
             }
             // Lines stand half a width over the border of their surface.
             while layer < lines.len() && !gathered.is_opaque() {
-                let (ink, ink_depth) = ink_at(layer, pixel);
+                let (ink, ink_depth) = ink_at(layer);
                 while let Some(content) = waiting.next_if(|content| content.depth < ink_depth && ink > 0.0) {
                     gathered.add_content(content);
                 }
@@ -337,36 +321,27 @@ pub(super) fn compose(
             waiting.for_each(|content| gathered.add_content(content));
             (0..3).for_each(|c| light[c] += gathered.light[c]);
             through += gathered.transmitted();
-            depth[pixel] = depth[pixel].min(gathered.depth);
+            depth = depth.min(gathered.depth);
         }
         let share = 1.0 / samples as f32;
-        pixels[pixel] = over(light.map(|c| c * share), through * share, background);
+        (over(light.map(|c| c * share), through * share, background), depth)
     }
-    Composed { pixels, depth, covered }
-}
 
-/// By pixel, of `area`, whether a line of any layer crosses it.
-fn crossed(lines: &LineMaps, area: usize) -> Vec<bool> {
-    let mut crossed = vec![false; area];
-    for map in (0..lines.len()).filter_map(|layer| lines.layer(layer)) {
-        crossed.iter_mut().zip(&map.ink).for_each(|(crossed, ink)| *crossed |= *ink != 0.0);
-    }
-    crossed
-}
-
-/// A pixel of one sample that no line crosses, and its depth: what [`Gathered`] makes of it, which adds zeros for ink.
-#[inline]
-fn bare(boundaries: &[Boundary], surfaces: &[[f32; 4]], background: [f32; 4]) -> ([f32; 4], f32) {
-    let (mut light, mut through, mut depth) = ([0.0; 3], 1.0, f32::INFINITY);
-    for (boundary, &[r, g, b, a]) in boundaries.iter().zip(surfaces) {
-        if a > 0.0 && depth == f32::INFINITY {
-            depth = boundary.depth;
+    /// A pixel of one sample that no line crosses, and its depth: what [`Gathered`] makes of it, which adds zeros for ink.
+    #[inline(always)]
+    fn bare(&self, of_pixel: Range<usize>, surface: impl Fn(usize) -> [f32; 4]) -> ([f32; 4], f32) {
+        let (mut light, mut through, mut depth) = ([0.0; 3], 1.0, f32::INFINITY);
+        for number in of_pixel {
+            let [r, g, b, a] = surface(number);
+            if a > 0.0 && depth == f32::INFINITY {
+                depth = self.tile.boundaries[number].depth;
+            }
+            light = [light[0] + through * (a * r), light[1] + through * (a * g), light[2] + through * (a * b)];
+            through *= 1.0 - a;
+            if through <= 0.0 {
+                break;
+            }
         }
-        light = [light[0] + through * (a * r), light[1] + through * (a * g), light[2] + through * (a * b)];
-        through *= 1.0 - a;
-        if through <= 0.0 {
-            break;
-        }
+        (over(light, through, self.background), depth)
     }
-    (over(light, through, background), depth)
 }

@@ -72,6 +72,21 @@ impl Default for Batch {
     }
 }
 
+/// Boundaries of a tile that wait to be lit together.
+#[derive(Debug)]
+struct Queue {
+    len: usize,
+    number: [usize; BATCH],
+    /// Pixel centres, from the picture's middle.
+    at: [[f32; BATCH]; 2],
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        Self { len: 0, number: [0; BATCH], at: [[0.0; BATCH]; 2] }
+    }
+}
+
 impl Batch {
     /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle. Of the light
     /// a share `sun` arrives there. A batch that [is full](Self::is_full) takes no more.
@@ -161,23 +176,92 @@ impl<'a> Shader<'a> {
     /// the first `most` of a pixel are nothing.
     pub fn lit_tile(&self, tile: &LayerTile, most: usize, sun: &[f32]) -> Vec<[f32; 4]> {
         let mut lit = vec![[0.0; 4]; tile.boundaries.len()];
-        let mut batch = Batch::default();
+        self.light_tile(tile, most, sun, &mut lit);
+        lit
+    }
+
+    /// The same, written into `lit`, of which boundaries beyond the first `most` of a pixel keep what they have.
+    pub(super) fn light_tile(&self, tile: &LayerTile, most: usize, sun: &[f32], lit: &mut [[f32; 4]]) {
+        fearless_simd::dispatch!(self.level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.light_tile_lanes(simd, tile, most, sun, lit),
+        ));
+    }
+
+    #[inline(always)]
+    fn light_tile_lanes<S: Simd>(&self, simd: S, tile: &LayerTile, most: usize, sun: &[f32], lit: &mut [[f32; 4]]) {
+        let across = tile.rect.width() as usize;
+        let mut queue = Queue::default();
         for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
-            for (column, x) in (tile.rect.x0..tile.rect.x1).enumerate() {
-                let pixel = row * tile.rect.width() as usize + column;
+            let offsets = &tile.offsets[row * across..=(row + 1) * across];
+            if offsets[0] == offsets[across] {
+                continue;
+            }
+            for (of_pixel, x) in offsets.windows(2).zip(tile.rect.x0..) {
                 let centre = self.centre_of(x, y);
-                let (from, to) = (tile.offsets[pixel] as usize, tile.offsets[pixel + 1] as usize);
-                for index in from..to.min(from.saturating_add(most)) {
-                    let sun = sun.get(index).copied().unwrap_or(1.0);
-                    batch.push(index, centre, &tile.boundaries[index], sun);
-                    if batch.is_full() {
-                        self.light(&mut batch, &mut lit);
+                let (from, to) = (of_pixel[0] as usize, of_pixel[1] as usize);
+                for number in from..to.min(from.saturating_add(most)) {
+                    queue.number[queue.len] = number;
+                    (queue.at[0][queue.len], queue.at[1][queue.len]) = (centre[0], centre[1]);
+                    queue.len += 1;
+                    if queue.len == BATCH {
+                        self.light_queue(simd, &queue, &tile.boundaries, sun, lit);
+                        queue.len = 0;
                     }
                 }
             }
         }
-        self.light(&mut batch, &mut lit);
-        lit
+        self.light_queue(simd, &queue, &tile.boundaries, sun, lit);
+    }
+
+    /// Lights the boundaries of `queue`.
+    #[inline(always)]
+    fn light_queue<S: Simd>(&self, simd: S, queue: &Queue, boundaries: &[Boundary], sun: &[f32], lit: &mut [[f32; 4]]) {
+        for from in (0..queue.len).step_by(LANES) {
+            let count = (queue.len - from).min(LANES);
+            let mut number = [queue.number[from]; LANES];
+            number[..count].copy_from_slice(&queue.number[from..from + count]);
+            let [a, b, c, d, e, f, g, h] = number.map(|number| &boundaries[number]);
+            macro_rules! lanes {
+                ($field:ident $(. $part:tt)?) => {
+                    f32x8::simd_from(simd, [
+                        a.$field $(.$part)?, b.$field $(.$part)?, c.$field $(.$part)?, d.$field $(.$part)?,
+                        e.$field $(.$part)?, f.$field $(.$part)?, g.$field $(.$part)?, h.$field $(.$part)?,
+                    ])
+                };
+                ($field:ident [$part:expr]) => {
+                    f32x8::simd_from(simd, [
+                        a.$field[$part], b.$field[$part], c.$field[$part], d.$field[$part],
+                        e.$field[$part], f.$field[$part], g.$field[$part], h.$field[$part],
+                    ])
+                };
+            }
+            let normal = [lanes!(normal.x), lanes!(normal.y), lanes!(normal.z)];
+            let colour = [lanes!(colour[0]), lanes!(colour[1]), lanes!(colour[2])];
+            let opacity = lanes!(opacity).max(0.0).min(1.0);
+            let at = [
+                f32x8::from_slice(simd, &queue.at[0][from..from + LANES]),
+                f32x8::from_slice(simd, &queue.at[1][from..from + LANES]),
+            ];
+            let sun = match sun {
+                [] => f32x8::splat(simd, 1.0),
+                sun => f32x8::simd_from(simd, number.map(|number| sun[number])),
+            };
+            let [r, g, b] = self.lit_lanes(simd, at, normal, colour, sun);
+            let place = number[0];
+            if count == LANES
+                && number[LANES - 1] == place + LANES - 1
+                && let ([left, right], []) = lit[place..place + LANES].as_flattened_mut().as_chunks_mut()
+            {
+                let (r, g, b, opacity) = (r.split(), g.split(), b.split(), opacity.split());
+                simd.store_four_interleaved_f32x4([r.0, g.0, b.0, opacity.0], left);
+                simd.store_four_interleaved_f32x4([r.1, g.1, b.1, opacity.1], right);
+                continue;
+            }
+            for (lane, &number) in number[..count].iter().enumerate() {
+                lit[number] = [r[lane], g[lane], b[lane], opacity[lane]];
+            }
+        }
     }
 
     /// Lights the pixels of an opaque tile at `rect` into `rows`, those without a surface as `background`. The same light as

@@ -101,7 +101,7 @@ fn maps_of(
     let view_axes = [camera.right.as_vec3(), -camera.down.as_vec3(), -camera.forward.as_vec3()];
     for_each_strip(source, &lined, leaves.heavy, &|| (), |strip| {
         let suns = inks.suns(strip, 0..strip.tiles.len(), shadows, source);
-        let surfaces = inks.of_strip(strip, &shader, source.samples(), &suns);
+        let surfaces = hand.as_ref().map(|_| inks.of_strip(strip, &shader, samples, &suns));
         for index in strip.own.clone() {
             let tile = &strip.tiles[index];
             let rect = tile.rect;
@@ -117,7 +117,7 @@ fn maps_of(
             for number in layers.len()..count {
                 layers.push(OfLayer::new(number, area, hand.is_some()));
             }
-            let lit = &surfaces[index];
+            let lit = shader.lit_tile(tile, usize::MAX, suns.get(index).map_or(&[], |sun| &sun[..]));
             for (pixel, of_pixel) in tile.offsets.windows(2).enumerate() {
                 let at = place(pixel);
                 let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
@@ -137,9 +137,9 @@ fn maps_of(
                     }
                 }
             }
-            let (Some(hand), Some(noise)) = (&hand, &mut noise) else { continue };
+            let (Some(hand), Some(surfaces), Some(noise)) = (&hand, &surfaces, &mut noise) else { continue };
             let offsets = hand.offsets(Level::new(), rect);
-            let window = Window::new(strip, index, offsets.bounds, samples, &surfaces, inks.most, true);
+            let window = Window::new(strip, index, offsets.bounds, surfaces, true);
             let count = window.layers();
             for pixel in 0..rect.area() {
                 let (at, middle) = (

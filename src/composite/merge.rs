@@ -117,7 +117,8 @@ pub fn compose(picture: &mut Picture, contents: &Contents, background: [f32; 4])
 mod tests {
     use glam::Vec3;
 
-    use super::super::layered::{self, Inks};
+    use super::super::canvas::TileRows;
+    use super::super::layered::{Inks, Layers};
     use super::super::strokes::LineMaps;
     use super::*;
     use crate::layers::{Boundary, Facing, LayerTile};
@@ -145,8 +146,12 @@ mod tests {
         let picture = |c: &Content| DepthPicture { width: 1, height: 1, pixels: vec![c.colour], depth: vec![c.depth] };
         let contents = Contents::new(contents.iter().map(picture).collect());
         let inks = Inks::new(&Style::of(StyleKind::Transparent), background);
-        let drawn = layered::compose(&tile, &LineMaps::default(), &surfaces, samples, &inks, &contents, background);
-        (drawn.pixels[0], drawn.depth[0])
+        let lines = LineMaps::default();
+        let layers = Layers { tile: &tile, lines: &lines, samples, inks: &inks, contents: &contents, background };
+        let (mut pixel, mut depth) = ([CLEAR], [0.0]);
+        let mut rows = TileRows { pixels: vec![&mut pixel], depth: vec![&mut depth] };
+        layers.compose(|number| surfaces[number], &mut rows);
+        (pixel[0], depth[0])
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! they are made of. [`shadow`] asks what the light sees (`light_map`, in tiles of `light_grid`). `occlusion` darkens the hollows of a shaded scan. Over the finished picture, [`legend`] names the leaves that
 //! `shown` saw, each by its `swatch`, in letters of `lettering`.
 
+mod canvas;
 pub(crate) mod edges;
 pub(crate) mod facets;
 pub(crate) mod layered;

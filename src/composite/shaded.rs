@@ -142,14 +142,19 @@ pub(super) fn blend_one(lit: &[[f32; 4]], background: [f32; 4]) -> [f32; 4] {
 }
 
 /// Premultiplied `light` over `background`, of which it lets a share `through`: linear RGB, straight alpha.
+#[inline(always)]
 pub(super) fn over(light: [f32; 3], through: f32, background: [f32; 4]) -> [f32; 4] {
     let [r, g, b, a] = background;
     let alpha = (1.0 - through) + through * a;
     if !(alpha > 0.0) {
         return [0.0; 4];
     }
-    let mix = |light: f32, behind: f32| (light + through * a * behind) / alpha;
-    [mix(light[0], r), mix(light[1], g), mix(light[2], b), alpha]
+    let mixed = [light[0] + through * a * r, light[1] + through * a * g, light[2] + through * a * b];
+    // Nearly every picture stands on paper, where there is nothing to divide by.
+    if alpha == 1.0 {
+        return [mixed[0], mixed[1], mixed[2], alpha];
+    }
+    [mixed[0] / alpha, mixed[1] / alpha, mixed[2] / alpha, alpha]
 }
 
 /// One pixel: the mean over its samples, each blended front to back over `background`. Linear, straight alpha.

@@ -16,7 +16,8 @@ use fearless_simd::prelude::*;
 use glam::{Vec2, Vec4};
 
 use super::Look;
-use super::layered::{Composed, Gathered, Inks, from_strips};
+use super::canvas::TileRows;
+use super::layered::{Gathered, Inks, from_strips};
 use super::lighting::Shader;
 use super::noise::Perlin;
 use super::picture::Picture;
@@ -49,59 +50,49 @@ pub(super) fn sketchy(
     let inks = Inks::new(style, look.background);
     let samples = source.samples();
     let hand = Hand::new(&style.sketch);
-    // A tile's surfaces are looked up from the tiles around it too.
     let surfaces = |strip: &Strip| {
         let suns = inks.suns(strip, 0..strip.tiles.len(), shadows, source);
         inks.of_strip(strip, &shader, samples, &suns)
     };
     let level = Level::new();
-    from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index| {
+    from_strips(source, look, style, heavy, on_tile, surfaces, |strip, surfaces, index, rows| {
         let rect = strip.tiles[index].rect;
         let covered = strip.tiles[index].offsets.windows(2).filter(|w| w[0] < w[1]).count() as u64;
         if strip.around(index).all(|tile| strip.is_empty(tile)) {
-            let area = rect.area();
-            return Composed { pixels: vec![look.background; area], depth: vec![f32::INFINITY; area], covered };
+            rows.clear(look.background);
+            return covered;
         }
         let offsets = hand.offsets(level, rect);
-        let window = Window::new(strip, index, offsets.bounds, samples, surfaces, inks.most, false);
-        let drawn = fearless_simd::dispatch!(level, simd => simd.vectorize(
+        let window = Window::new(strip, index, offsets.bounds, surfaces, false);
+        fearless_simd::dispatch!(level, simd => simd.vectorize(
             #[inline(always)]
-            || drawn(&window, &offsets, rect, &inks, look.background),
+            || draw(&window, &offsets, rect, &inks, look.background, rows),
         ));
-        let (pixels, depth) = drawn;
-        Composed { pixels, depth, covered }
+        covered
     })
 }
 
-/// The pixels of `rect` and their depths, looked up in `window`.
+/// Draws the pixels of `rect` and their depths, looked up in `window`, into `rows`.
 #[inline(always)]
-fn drawn(
-    window: &Window,
-    offsets: &Offsets,
-    rect: PixelRect,
-    inks: &Inks,
-    background: [f32; 4],
-) -> (Vec<[f32; 4]>, Vec<f32>) {
-    let (mut pixels, mut depth) = (Vec::with_capacity(rect.area()), Vec::with_capacity(rect.area()));
+fn draw(window: &Window, offsets: &Offsets, rect: PixelRect, inks: &Inks, background: [f32; 4], rows: &mut TileRows) {
     let (nothing, _) = Gathered::new().finish(background);
-    for y in rect.y0..rect.y1 {
-        for x in rect.x0..rect.x1 {
-            let [edge, shade] = offsets.at(pixels.len());
+    let mut number = 0;
+    for ((pixels, depths), y) in rows.pixels.iter_mut().zip(&mut rows.depth).zip(rect.y0..) {
+        for ((pixel, depth), x) in pixels.iter_mut().zip(depths.iter_mut()).zip(rect.x0..) {
+            let [edge, shade] = offsets.at(number);
+            number += 1;
             let at = Vec2::new(x as f32, y as f32);
             let (at_edge, at_shade) = (window.tap(at + edge), window.tap(at + shade));
             let (deepest, lined) = (window.deepest(&at_shade), window.lined(&at_edge));
-            let (colour, z) = if deepest == 0 && lined == 0 {
+            (*pixel, *depth) = if deepest == 0 && lined == 0 {
                 (nothing, f32::INFINITY)
             } else if lined == 0 {
                 bare(window, &at_edge, &at_shade, deepest, background)
             } else {
                 inked(window, &at_edge, &at_shade, deepest.max(lined), inks, background)
             };
-            pixels.push(colour);
-            depth.push(z);
         }
     }
-    (pixels, depth)
 }
 
 /// A pixel of `layers` layers, and its depth.

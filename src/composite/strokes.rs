@@ -69,24 +69,29 @@ pub(super) struct EdgeStrip {
 }
 
 impl EdgeStrip {
-    /// Calls `visit` with the points between pixels of the strip at most [`NEAR_PX`] away from (`x`, `y`), row by row.
+    /// Finds the points between pixels of the strip at most [`NEAR_PX`] away from (`x`, `y`), in runs, row by row.
     #[inline(always)]
-    fn each_near(&self, x: u32, y: u32, mut visit: impl FnMut(&EdgePoint)) {
+    fn near<'a>(&'a self, x: u32, y: u32, runs: &mut Vec<&'a [EdgePoint]>) {
+        runs.clear();
         let (first, last) = (self.rects[0], self.rects[self.rects.len() - 1]);
         let (x0, x1) = (x.saturating_sub(NEAR_PX), (x + NEAR_PX + 1).min(last.x1));
         let (y0, y1) = (y.saturating_sub(NEAR_PX).max(first.y0), (y + NEAR_PX + 1).min(last.y1));
-        for row in y0..y1 {
-            let of_row = ((row - first.y0) / TILE_SIDE) as usize * self.across;
-            for column in x0 / TILE_SIDE..=(x1 - 1) / TILE_SIDE {
-                let (tile, rect) = (&self.tiles[of_row + column as usize], &self.rects[of_row + column as usize]);
-                if tile.offsets.is_empty() {
-                    continue;
+        // They lie in one tile or two beside each other, and in those below.
+        for of_row in (y0 - first.y0) / TILE_SIDE..=(y1 - 1 - first.y0) / TILE_SIDE {
+            let first_of_row = of_row as usize * self.across;
+            let tiles = first_of_row + (x0 / TILE_SIDE) as usize..=first_of_row + ((x1 - 1) / TILE_SIDE) as usize;
+            let rows = &self.rects[*tiles.start()];
+            for row in y0.max(rows.y0)..y1.min(rows.y1) {
+                for (tile, rect) in self.tiles[tiles.clone()].iter().zip(&self.rects[tiles.clone()]) {
+                    // The points of a tile's row lie side by side.
+                    let begin = ((row - rect.y0) * rect.width()) as usize;
+                    let (from, to) = ((x0.max(rect.x0) - rect.x0) as usize, (x1.min(rect.x1) - rect.x0) as usize);
+                    let Some(offsets) = tile.offsets.get(begin + from..=begin + to) else { continue };
+                    let run = offsets[0] as usize..offsets[to - from] as usize;
+                    if !run.is_empty() {
+                        runs.push(&tile.points[run]);
+                    }
                 }
-                // The points of a tile's row lie side by side.
-                let begin = ((row - rect.y0) * rect.width()) as usize;
-                let from = tile.offsets[begin + (x0.max(rect.x0) - rect.x0) as usize];
-                let to = tile.offsets[begin + (x1.min(rect.x1) - rect.x0) as usize];
-                tile.points[from as usize..to as usize].iter().for_each(&mut visit);
             }
         }
     }
@@ -95,7 +100,7 @@ impl EdgeStrip {
     pub fn strokes(&self, index: usize, settings: &LineSettings) -> Vec<Stroke> {
         let (tile, rect) = (&self.tiles[index], &self.rects[index]);
         let mut strokes = Vec::with_capacity(tile.points.len());
-        let mut alike = Vec::new();
+        let (mut runs, mut alike) = (Vec::new(), Vec::new());
         for (row, y) in (rect.y0..rect.y1).enumerate() {
             let across = rect.width() as usize;
             let Some(offsets) = tile.offsets.get(row * across..=(row + 1) * across) else { break };
@@ -103,15 +108,19 @@ impl EdgeStrip {
                 continue;
             }
             for (x, of_pixel) in (rect.x0..).zip(offsets.windows(2)) {
+                if of_pixel[0] == of_pixel[1] {
+                    continue;
+                }
+                self.near(x, y, &mut runs);
                 for point in &tile.points[of_pixel[0] as usize..of_pixel[1] as usize] {
                     alike.clear();
                     let mut near = 0;
-                    self.each_near(x, y, |other| {
+                    for other in runs.iter().copied().flatten() {
                         if other.layer < point.until && point.layer < other.until {
                             near += 1;
                             alike.extend(Alike::new(other, point));
                         }
-                    });
+                    }
                     // Itself is one of them.
                     if near > FEWEST_NEIGHBOURS {
                         strokes.extend(stroke(point, &alike, settings));
@@ -210,12 +219,32 @@ pub(crate) struct LineMap {
 #[derive(Debug, Default)]
 pub(crate) struct LineMaps {
     layers: Vec<Option<LineMap>>,
+    /// By pixel, a bit each: whether a line of any layer crosses it.
+    crossed: Vec<u64>,
 }
 
 impl LineMaps {
     /// Layers in which there may be lines.
     pub fn len(&self) -> usize {
         self.layers.len()
+    }
+
+    /// Whether a line of any layer crosses pixel number `pixel`.
+    #[inline(always)]
+    pub fn cross(&self, pixel: usize) -> bool {
+        self.crossed.get(pixel / 64).is_some_and(|bits| bits >> (pixel % 64) & 1 == 1)
+    }
+
+    /// The numbers of the pixels that lines cross.
+    pub fn crossed(&self) -> impl Iterator<Item = usize> {
+        self.crossed.iter().enumerate().flat_map(|(word, bits)| {
+            let mut rest = *bits;
+            std::iter::from_fn(move || {
+                let bit = (rest != 0).then(|| rest.trailing_zeros() as usize)?;
+                rest &= rest - 1;
+                Some(word * 64 + bit)
+            })
+        })
     }
 
     /// The lines of layer `layer`; `None` where there is none.
@@ -243,6 +272,7 @@ impl LineMaps {
             let until = usize::from(until).min(most);
             if maps.layers.len() < until {
                 maps.layers.resize(until, None);
+                maps.crossed.resize(rect.area().div_ceil(64), 0);
             }
             for layer in usize::from(stroke.layer)..until {
                 let map = maps.layers[layer].get_or_insert_with(|| LineMap {
@@ -250,7 +280,7 @@ impl LineMaps {
                     depth: vec![f32::INFINITY; rect.area()],
                 });
                 let dash = settings.hidden_dash_px.filter(|_| layer > 0);
-                map.draw(rect, stroke, dash);
+                map.draw(rect, stroke, dash, &mut maps.crossed);
             }
         }
         maps
@@ -258,7 +288,7 @@ impl LineMaps {
 }
 
 impl LineMap {
-    fn draw(&mut self, rect: PixelRect, stroke: &Stroke, dash: Option<[f32; 2]>) {
+    fn draw(&mut self, rect: PixelRect, stroke: &Stroke, dash: Option<[f32; 2]>, crossed: &mut [u64]) {
         let half = 0.5 * stroke.width;
         let reach = (half + 0.5).max(FADED_PX);
         let bound = |at: f32, low: u32, high: u32| {
@@ -284,6 +314,7 @@ impl LineMap {
                     let index = ((y - rect.y0) * rect.width() + (x - rect.x0)) as usize;
                     self.ink[index] = self.ink[index].max(ink);
                     self.depth[index] = self.depth[index].min(stroke.depth);
+                    crossed[index / 64] |= 1 << (index % 64);
                 }
             }
         }

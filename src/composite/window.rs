@@ -1,16 +1,17 @@
 //! The layers of a tile and of the pixels around it, for whoever looks beside a pixel.
 //!
-//! *Practice.* Surfaces stay lists, as they come: a pixel's are a run of one array, those of its layers in order. Where a pixel has
-//! no such layer, number 0 of the array stands for it, which is nothing. Lines are few, so they are a map for each layer that has
+//! *Practice.* Surfaces stay lists, as they come: a pixel's are a run of one array of the whole strip, [`Surfaces`], those of its
+//! layers in order. Where a pixel has no such layer, the last of the array stands for it, which is nothing. Lines are few, so they are a map for each layer that has
 //! any. What four neighbouring pixels have at most is known beforehand: most lookups meet no line, and many nothing.
 
 use std::ops::Range;
 
 use glam::{Vec2, Vec4};
+use rayon::prelude::*;
 
 use super::strip::Strip;
 use super::strokes::LineMap;
-use crate::layers::{LayerTile, MAX_SAMPLES};
+use crate::layers::{Boundary, LayerTile, MAX_SAMPLES};
 use crate::space::PixelRect;
 
 /// Pixels, some of them outside of the picture.
@@ -20,16 +21,93 @@ pub(super) struct Bounds {
     pub y: (i32, i32),
 }
 
+/// The surfaces of a strip, pixel by pixel and front to back.
+#[derive(Debug)]
+pub(super) struct Surfaces {
+    /// Premultiplied; the last is nothing.
+    colour: Vec<[f32; 4]>,
+    /// That of nothing is +∞.
+    depth: Vec<f32>,
+    /// By tile: the number of its first surface.
+    first: Vec<u32>,
+    /// Layers of a pixel at most.
+    most: u32,
+}
+
+impl Surfaces {
+    /// Those of `strip`, `most` layers of `samples` samples. `light` writes the straight colours and opacities of the boundaries of
+    /// tile number so and so, which are nothing before.
+    pub fn new(strip: &Strip, samples: u32, most: usize, light: impl Fn(usize, &mut [[f32; 4]]) + Sync) -> Self {
+        let mut first = Vec::with_capacity(strip.tiles.len());
+        let mut count = 0;
+        for tile in &strip.tiles {
+            first.push(count as u32);
+            count += tile.boundaries.len();
+        }
+        let (mut colour, mut depth) = (vec![[0.0; 4]; count + 1], vec![f32::INFINITY; count + 1]);
+        let colours = of_tiles(&mut colour, &strip.tiles).into_par_iter();
+        colours.zip(of_tiles(&mut depth, &strip.tiles)).zip(&strip.tiles).enumerate().for_each(
+            |(index, ((colours, depths), tile))| {
+                light(index, colours);
+                if samples == 1 {
+                    for [r, g, b, a] in colours.iter_mut() {
+                        (*r, *g, *b) = (*a * *r, *a * *g, *a * *b);
+                    }
+                    depths.iter_mut().zip(&tile.boundaries).for_each(|(depth, boundary)| *depth = boundary.depth);
+                } else {
+                    let lit = colours.to_vec();
+                    for of_pixel in tile.offsets.windows(2) {
+                        let of_pixel = of_pixel[0] as usize..of_pixel[1] as usize;
+                        let boundaries = tile.boundaries[of_pixel.clone()].iter().zip(&lit[of_pixel.clone()]);
+                        mix_samples(boundaries, samples, &mut colours[of_pixel.clone()], &mut depths[of_pixel]);
+                    }
+                }
+            },
+        );
+        Self { colour, depth, first, most: u32::try_from(most).unwrap_or(u32::MAX) }
+    }
+}
+
+/// The layers of a pixel of several samples, each with its share of the pixel. No layer of a sample is deeper than the pixel has
+/// boundaries.
+fn mix_samples<'a>(
+    boundaries: impl Iterator<Item = (&'a Boundary, &'a [f32; 4])>,
+    samples: u32,
+    colours: &mut [[f32; 4]],
+    depths: &mut [f32],
+) {
+    colours.fill([0.0; 4]);
+    let mut seen = [0; MAX_SAMPLES as usize];
+    for (boundary, &[r, g, b, a]) in boundaries {
+        // A boundary may be the k-th of one sample and another of the next.
+        for sample in (0..samples).filter(|s| boundary.samples >> s & 1 == 1) {
+            let layer = &mut seen[sample as usize];
+            let share = a / samples as f32 * Vec4::new(r, g, b, 1.0);
+            colours[*layer] = (Vec4::from(colours[*layer]) + share).to_array();
+            depths[*layer] = depths[*layer].min(boundary.depth);
+            *layer += 1;
+        }
+    }
+}
+
+/// The values of each of `tiles`' boundaries, which lie one after the other in `all`.
+fn of_tiles<'a, T>(all: &'a mut [T], tiles: &[LayerTile]) -> Vec<&'a mut [T]> {
+    let mut rest = all;
+    let next = |tile: &LayerTile| {
+        let (of_tile, after) = std::mem::take(&mut rest).split_at_mut(tile.boundaries.len());
+        rest = after;
+        of_tile
+    };
+    tiles.iter().map(next).collect()
+}
+
 /// The layers of the pixels within some bounds.
-pub(super) struct Window {
+pub(super) struct Window<'a> {
     bounds: Bounds,
     across: usize,
     /// By pixel.
     lists: Vec<List>,
-    /// Of surfaces, premultiplied; the first is nothing.
-    colour: Vec<Vec4>,
-    /// Of surfaces; that of nothing is +∞.
-    depth: Vec<f32>,
+    surfaces: &'a Surfaces,
     /// By layer and pixel; none where a layer has none.
     lines: Vec<Option<LineMap>>,
     /// By pixel: the most surfaces that it or one of the three on its right and below has.
@@ -46,10 +124,10 @@ struct List {
 }
 
 impl List {
-    /// The number of the surface in `layer`.
+    /// The number of the surface in `layer`, or `nothing`.
     #[inline(always)]
-    fn at(self, layer: usize) -> usize {
-        if layer < self.count as usize { self.first as usize + layer } else { 0 }
+    fn at(self, layer: usize, nothing: usize) -> usize {
+        if layer < self.count as usize { self.first as usize + layer } else { nothing }
     }
 }
 
@@ -76,99 +154,40 @@ pub(super) struct SurfaceTap {
     shares: [f32; 4],
 }
 
-impl Window {
-    /// The pixels of `bounds`, which lie in the tiles around tile `index` or outside of the picture. `surfaces` are those of all
-    /// tiles of the strip, `most` layers of them. `repeated` says in which layers lines are.
-    pub fn new(
-        strip: &Strip,
-        index: usize,
-        bounds: Bounds,
-        samples: u32,
-        surfaces: &[Vec<[f32; 4]>],
-        most: usize,
-        repeated: bool,
-    ) -> Self {
+impl<'a> Window<'a> {
+    /// The pixels of `bounds`, which lie in the tiles around tile `index` or outside of the picture. `surfaces` are those of the
+    /// strip. `repeated` says in which layers lines are.
+    pub fn new(strip: &Strip, index: usize, bounds: Bounds, surfaces: &'a Surfaces, repeated: bool) -> Self {
         let across = (bounds.x.1 - bounds.x.0) as usize;
         let area = across * (bounds.y.1 - bounds.y.0) as usize;
-        let expected = strip.tiles[index].boundaries.len() + area;
         let mut window = Self {
             bounds,
             across,
             lists: vec![List::default(); area],
-            colour: Vec::with_capacity(expected),
-            depth: Vec::with_capacity(expected),
+            surfaces,
             lines: Vec::new(),
             deepest: vec![0; area],
             crossed: vec![false; area],
         };
-        window.colour.push(Vec4::ZERO);
-        window.depth.push(f32::INFINITY);
         for near in strip.around(index) {
             let tile = &strip.tiles[near];
             let columns = within(tile.rect.x0..tile.rect.x1, bounds.x);
+            if columns.is_empty() || tile.boundaries.is_empty() {
+                continue;
+            }
             for y in within(tile.rect.y0..tile.rect.y1, bounds.y) {
-                if samples == 1 {
-                    window.add_row(tile, &surfaces[near], columns.clone(), y, most);
-                } else {
-                    for x in columns.clone() {
-                        window.add_pixel(tile, &surfaces[near], x, y, samples, most);
-                    }
+                let begin = ((y - tile.rect.y0) * tile.rect.width()) as usize;
+                let of_column = |x: u32| begin + (x - tile.rect.x0) as usize;
+                let offsets = &tile.offsets[of_column(columns.start)..=of_column(columns.end)];
+                let (first, place) = (surfaces.first[near], window.place(columns.start, y));
+                for (list, of_pixel) in window.lists[place..].iter_mut().zip(offsets.windows(2)) {
+                    *list = List { first: first + of_pixel[0], count: (of_pixel[1] - of_pixel[0]).min(surfaces.most) };
                 }
             }
         }
         window.add_lines(strip, index, repeated);
         window.look_ahead();
         window
-    }
-
-    /// Adds the surfaces of the only sample of a row's pixels.
-    fn add_row(&mut self, tile: &LayerTile, surfaces: &[[f32; 4]], columns: Range<u32>, y: u32, most: usize) {
-        if columns.is_empty() {
-            return;
-        }
-        let begin = ((y - tile.rect.y0) * tile.rect.width()) as usize;
-        let [from, to] = [columns.start, columns.end].map(|x| begin + (x - tile.rect.x0) as usize);
-        let offsets = &tile.offsets[from..=to];
-        let of_row = offsets[0] as usize..offsets[to - from] as usize;
-        if of_row.is_empty() {
-            return;
-        }
-        let first = self.colour.len() as u32;
-        let premultiplied = |&[r, g, b, a]: &[f32; 4]| Vec4::new(a * r, a * g, a * b, a);
-        self.colour.extend(surfaces[of_row.clone()].iter().map(premultiplied));
-        self.depth.extend(tile.boundaries[of_row].iter().map(|boundary| boundary.depth));
-        let place = self.place(columns.start, y);
-        let most = u32::try_from(most).unwrap_or(u32::MAX);
-        for (list, of_pixel) in self.lists[place..].iter_mut().zip(offsets.windows(2)) {
-            *list = List { first: first + of_pixel[0] - offsets[0], count: (of_pixel[1] - of_pixel[0]).min(most) };
-        }
-    }
-
-    /// Adds the surfaces of a pixel of several samples, each with its share of the pixel.
-    fn add_pixel(&mut self, tile: &LayerTile, surfaces: &[[f32; 4]], x: u32, y: u32, samples: u32, most: usize) {
-        let pixel = ((y - tile.rect.y0) * tile.rect.width() + (x - tile.rect.x0)) as usize;
-        let first = self.colour.len();
-        let mut seen = [0; MAX_SAMPLES as usize];
-        let of_pixel = tile.offsets[pixel] as usize..tile.offsets[pixel + 1] as usize;
-        for (boundary, &[r, g, b, a]) in tile.boundaries[of_pixel.clone()].iter().zip(&surfaces[of_pixel]) {
-            // A boundary may be the k-th of one sample and another of the next.
-            for sample in (0..samples).filter(|s| boundary.samples >> s & 1 == 1) {
-                let layer = &mut seen[sample as usize];
-                if *layer >= most {
-                    continue;
-                }
-                let number = first + *layer;
-                if number == self.colour.len() {
-                    self.colour.push(Vec4::ZERO);
-                    self.depth.push(f32::INFINITY);
-                }
-                self.colour[number] += a / samples as f32 * Vec4::new(r, g, b, 1.0);
-                self.depth[number] = self.depth[number].min(boundary.depth);
-                *layer += 1;
-            }
-        }
-        let place = self.place(x, y);
-        self.lists[place] = List { first: first as u32, count: (self.colour.len() - first) as u32 };
     }
 
     /// Adds the lines of all tiles around, over the part of the window that the picture has.
@@ -179,22 +198,19 @@ impl Window {
         let seen = PixelRect { x0: columns.start, y0: rows.start, x1: columns.end, y1: rows.end };
         let maps = strip.lines(index, seen, repeated);
         let area = self.lists.len();
+        let width = seen.width() as usize;
+        let place_of = |number: usize| self.place(seen.x0 + (number % width) as u32, seen.y0 + (number / width) as u32);
+        let crossed: Vec<[usize; 2]> = maps.crossed().map(|number| [number, place_of(number)]).collect();
+        crossed.iter().for_each(|[_, place]| self.crossed[*place] = true);
         for layer in 0..maps.len() {
-            let Some(map) = maps.layer(layer) else {
-                self.lines.push(None);
-                continue;
-            };
-            let mut lines = LineMap { ink: vec![0.0; area], depth: vec![f32::INFINITY; area] };
-            let width = seen.width() as usize;
-            for (row, y) in rows.clone().enumerate() {
-                let (from, to) = (self.place(seen.x0, y), row * width);
-                for column in (0..width).filter(|column| map.ink[to + column] > 0.0) {
-                    lines.ink[from + column] = map.ink[to + column];
-                    lines.depth[from + column] = map.depth[to + column];
-                    self.crossed[from + column] = true;
+            let of_layer = maps.layer(layer).map(|map| {
+                let mut lines = LineMap { ink: vec![0.0; area], depth: vec![f32::INFINITY; area] };
+                for [number, place] in &crossed {
+                    (lines.ink[*place], lines.depth[*place]) = (map.ink[*number], map.depth[*number]);
                 }
-            }
-            self.lines.push(Some(lines));
+                lines
+            });
+            self.lines.push(of_layer);
         }
     }
 
@@ -265,9 +281,9 @@ impl Window {
     /// The premultiplied colour of a layer at a tap's surfaces.
     #[inline(always)]
     pub fn colour(&self, tap: &SurfaceTap, layer: usize) -> Vec4 {
-        let mut mixed = Vec4::ZERO;
+        let (mut mixed, nothing) = (Vec4::ZERO, self.surfaces.colour.len() - 1);
         for (list, share) in tap.lists.into_iter().zip(tap.shares) {
-            mixed += share * self.colour[list.at(layer)];
+            mixed += share * Vec4::from(self.surfaces.colour[list.at(layer, nothing)]);
         }
         mixed
     }
@@ -284,7 +300,8 @@ impl Window {
     pub fn depth(&self, tap: &Tap, layer: usize) -> f32 {
         let lines = self.lines.get(layer).and_then(|lines| lines.as_ref());
         let of_line = lines.map_or(f32::INFINITY, |lines| lines.depth[tap.nearest]);
-        self.depth[self.lists[tap.nearest].at(layer)].min(of_line)
+        let depths = &self.surfaces.depth;
+        depths[self.lists[tap.nearest].at(layer, depths.len() - 1)].min(of_line)
     }
 }
 
