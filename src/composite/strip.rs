@@ -1,20 +1,21 @@
 //! The picture in strips of tile rows, each with the rows around it that lines and loose hands reach into.
 //!
 //! *Practice.* Lines need their neighbours' layers, and whole layers of a large picture do not fit in memory. A strip holds
-//! about [`STRIP_PIXELS`] pixels' layers and one row of tiles above and below; the rows that the next strip needs too are
-//! handed on, so that no tile is drawn twice.
+//! about [`STRIP_PIXELS`] pixels' layers and one row of tiles above and below. The rows that the next strip needs too are
+//! handed on with the edges found in them, so that no tile is drawn or searched twice: where a row's edges are to be whole, the row
+//! below it is drawn already.
 
 use rayon::prelude::*;
 
-use super::edges::Detector;
+use super::edges::{Detector, EdgePoints};
 use super::facets::FacetStrip;
 use super::strokes::{EdgeStrip, LineMaps, Stroke, reach_px};
 use crate::layers::{LayerSource, LayerTile, TILE_SIDE};
 use crate::scene::style::{LineSettings, SketchSettings, Style, WIDEST_LINE_PX};
-use crate::space::{Camera, PixelRect};
+use crate::space::PixelRect;
 
-/// Pixels of a strip, the rows around it not counted.
-pub(crate) const STRIP_PIXELS: usize = 1 << 20;
+/// Pixels of a strip and of the row of tiles that is drawn ahead of it; the rows around it are not counted.
+const STRIP_PIXELS: usize = 1 << 20;
 
 // Whatever a pixel looks at lies in its tile or in one beside it.
 const _: () = assert!(SketchSettings::MOST_OFFSET_PX * std::f32::consts::SQRT_2 + WIDEST_LINE_PX < TILE_SIDE as f32);
@@ -76,61 +77,53 @@ pub(super) fn for_each_strip(
     let rects = PixelRect::tiles(camera.width, camera.height, TILE_SIDE);
     let across = camera.width.div_ceil(TILE_SIDE) as usize;
     let rows = rects.len() / across;
-    let rows_a_strip = (STRIP_PIXELS / (across * (TILE_SIDE * TILE_SIDE) as usize)).max(1);
-    let mut kept: Vec<LayerTile> = Vec::new();
+    let fitting = STRIP_PIXELS / (across * (TILE_SIDE * TILE_SIDE) as usize);
+    let rows_a_strip = if rows <= fitting { rows } else { fitting.saturating_sub(1).max(1) };
+    let has_strokes = style.kind.has_lines() || heavy.contains(&true);
+    let settings = LineSettings { width_px: style.lines.width_px.clamp(0.0, WIDEST_LINE_PX), ..style.lines };
+    debug_assert!(reach_px(&settings) < TILE_SIDE as f32);
+    let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
+    // What the strip before has left: tiles of some rows from `first_kept` on, and the edges of the first of them.
+    let (mut tiles, mut points): (Vec<LayerTile>, Vec<EdgePoints>) = Default::default();
     let mut first_kept = 0;
     for first in (0..rows).step_by(rows_a_strip) {
         let last = (first + rows_a_strip).min(rows);
         let (outer_first, outer_last) = (first.saturating_sub(1), (last + 1).min(rows));
+        let drawn_last = if has_strokes { (outer_last + 1).min(rows) } else { outer_last };
         // 1. Rows that the strip before drew, and those that it did not.
-        kept.drain(..(outer_first - first_kept) * across);
+        let passed = (outer_first - first_kept) * across;
+        tiles.drain(..passed);
+        points.drain(..passed.min(points.len()));
         first_kept = outer_first;
-        let drawn = outer_first * across + kept.len();
-        let new: Vec<LayerTile> = rects[drawn..outer_last * across]
-            .par_iter()
-            .map(|rect| {
-                let tile = source.draw(*rect);
-                on_tile();
-                tile
-            })
-            .collect();
-        kept.extend(new);
+        let new = rects[outer_first * across + tiles.len()..drawn_last * across].par_iter().map(|rect| {
+            let tile = source.draw(*rect);
+            on_tile();
+            tile
+        });
+        tiles.par_extend(new);
         // 2. Their lines.
-        let tiles = std::mem::take(&mut kept);
-        let settings = LineSettings { width_px: style.lines.width_px.clamp(0.0, WIDEST_LINE_PX), ..style.lines };
-        let is_drawn = |stroke: &Stroke| style.kind.has_lines() || stroke.heavy;
-        let strokes = if style.kind.has_lines() || heavy.contains(&true) {
-            strokes(&tiles, camera, source.samples(), &settings, heavy, &is_drawn)
-        } else {
-            Vec::new()
-        };
+        let count = (outer_last - outer_first) * across;
+        let mut strokes = Vec::new();
+        if has_strokes {
+            let facets = FacetStrip::new(&tiles, camera, source.samples());
+            let detector = Detector::new(&facets, &settings, heavy);
+            points.par_extend((points.len()..count).into_par_iter().map(|index| detector.tile(index)));
+            let rects = tiles[..count].iter().map(|tile| tile.rect).collect();
+            let edges = EdgeStrip { across, rects, tiles: points };
+            let is_drawn = |stroke: &Stroke| style.kind.has_lines() || stroke.heavy;
+            strokes.par_extend((0..count).into_par_iter().map(|index| {
+                let mut strokes = edges.strokes(index, &settings);
+                strokes.retain(is_drawn);
+                strokes
+            }));
+            points = edges.tiles;
+        }
+        // 3. The strip, without the row that was drawn ahead.
+        let ahead = tiles.split_off(count);
         let own = (first - outer_first) * across..(last - outer_first) * across;
-        let most = style.max_layers.map_or(usize::MAX, |most| most as usize);
         let strip = Strip { across, own, tiles, strokes, settings, most };
         use_strip(&strip);
-        kept = strip.tiles;
+        tiles = strip.tiles;
+        tiles.extend(ahead);
     }
-}
-
-/// The strokes of each tile that `is_drawn`.
-fn strokes(
-    tiles: &[LayerTile],
-    camera: &Camera,
-    samples: u32,
-    settings: &LineSettings,
-    heavy: &[bool],
-    is_drawn: &(dyn Fn(&Stroke) -> bool + Sync),
-) -> Vec<Vec<Stroke>> {
-    debug_assert!(reach_px(settings) < TILE_SIDE as f32);
-    let facets = FacetStrip::new(tiles, camera, samples);
-    let detector = Detector::new(&facets, settings, heavy);
-    let count = tiles.len();
-    let points = (0..count).into_par_iter().map(|index| detector.tile(index)).collect();
-    let edges = EdgeStrip { across: facets.across, rects: tiles.iter().map(|tile| tile.rect).collect(), tiles: points };
-    let of_tile = |index| {
-        let mut strokes = edges.strokes(index, settings);
-        strokes.retain(is_drawn);
-        strokes
-    };
-    (0..count).into_par_iter().map(of_tile).collect()
 }

@@ -15,8 +15,8 @@ use crate::gpu::{Gpu, GpuError};
 use crate::scene::style::{Style, StyleKind};
 use crate::space::PixelRect;
 
-/// Pixels on a side of a band: as many in it as the CPU's strips have.
-const BAND_SIDE: u32 = crate::composite::strip::STRIP_PIXELS.isqrt() as u32;
+/// Pixels on a side of a band: about as many in it as the CPU's strips have.
+const BAND_SIDE: u32 = 1024;
 
 /// What is the same in all bands of a frame.
 struct Frame<'a, 's> {
