@@ -3,9 +3,12 @@
 //! *Practice.* A triangle that holds no pixel centre is dropped here, once, whatever tiles it lies in. What is left of a
 //! meshlet in a tile is one entry: the meshlet and a bit for each triangle. A triangle that is large beside a tile has an entry of
 //! its own, which knows what part of the tile it may cover, and how near it comes there: so what lies behind can be told from
-//! what lies in front. Entries are counted and placed by tile, tasks in order, so the lists do not depend on threads.
+//! what lies in front. Entries are counted and placed by tile, tasks in order, so the lists do not depend on threads. Every
+//! other triangle of a scan at picture size is dropped, which no processor can guess: so a meshlet's boxes are all computed
+//! first, without a branch, and only what holds pixels is gone through after that.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, i32x4};
 use rayon::prelude::*;
 
 use super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH};
@@ -100,7 +103,7 @@ impl Bins {
                 let meshlets = task * A_TASK..((task + 1) * A_TASK).min(model.meshlets.len());
                 fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
                     for meshlet in meshlets {
-                        bin(view, &picture, model, vertices, planes, meshlet, &mut scratch, &mut out);
+                        bin(simd, view, &picture, model, vertices, planes, meshlet, &mut scratch, &mut out);
                     }
                 }));
                 out
@@ -194,15 +197,6 @@ fn rounded_up(most: f64, over: &Affine) -> f32 {
 /// A triangle with a box of this many pixels along a side has entries of its own.
 const LARGE_PX: i32 = TILE_SIDE as i32 / 2;
 
-/// What is known of a triangle that is drawn.
-#[derive(Debug, Clone, Copy, Default)]
-struct Drawn {
-    /// The pixels that its box holds.
-    pixels: Span,
-    /// No fragment has a greater key.
-    nearest: f32,
-}
-
 /// A triangle that is large beside a tile.
 struct LargeTriangle {
     key: Key,
@@ -258,16 +252,95 @@ impl LargeTriangle {
 }
 
 /// Buffers that are kept from meshlet to meshlet.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct BinScratch {
+    /// By triangle of the meshlet, of those that hold any pixels: first column and row, the other numbers mean nothing.
+    first: [[i32; 4]; MESHLET],
+    /// Last column and row.
+    last: [[i32; 4]; MESHLET],
+    /// No fragment of it has a greater key.
+    nearest: [f32; MESHLET],
     /// By tile of the meshlet's: which of its small triangles, and their greatest key.
     tiles: Vec<(u64, f32)>,
 }
 
-/// Written so that the compiler makes vectors of corners.
+impl Default for BinScratch {
+    fn default() -> Self {
+        Self {
+            first: [[0; 4]; MESHLET],
+            last: [[0; 4]; MESHLET],
+            nearest: [f32::NEG_INFINITY; MESHLET],
+            tiles: Vec::new(),
+        }
+    }
+}
+
+impl BinScratch {
+    /// The pixels of triangle `i`.
+    #[inline(always)]
+    fn pixels(&self, i: u32) -> Span {
+        let (first, last) = (&self.first[i as usize], &self.last[i as usize]);
+        Span { x0: first[0], y0: first[1], x1: last[0], y1: last[1] }
+    }
+
+    /// Finds the pixels and the nearest keys of a meshlet's triangles, by the vertices alone; returns which ones hold any.
+    #[inline(always)]
+    fn look_at<S: Simd>(&mut self, simd: S, picture: &Picture, triangles: &[[u32; 3]], vertices: &[Snapped]) -> u64 {
+        // Numbers of a vertex are lanes. Keys of one sign are ordered as their bits are, those below zero the other way.
+        let to_first = i32x4::splat(simd, SUBPIXELS - 1 - picture.last_sample);
+        let to_last = i32x4::splat(simd, -picture.first_sample);
+        let least = i32x4::splat(simd, 0);
+        let most = i32x4::from_slice(simd, &[picture.last_px.0, picture.last_px.1, i32::MAX, i32::MAX]);
+        let mut holding = 0;
+        for (i, triangle) in triangles.iter().enumerate() {
+            let [a, b, c] = triangle.map(|v| i32x4::from_slice(simd, &vertices[v as usize]));
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            let (low_of, high_of): (Snapped, Snapped) = (low.into(), high.into());
+            if high_of[3] != place::FINE {
+                holding |= u64::from(self.look_aside(i, picture, triangle, vertices)) << i;
+                continue;
+            }
+            // The first pixel whose last sample is not before `low`, the last pixel whose first sample is not after `high`.
+            let first = ((low + to_first) >> SUBPIXELS.trailing_zeros()).max(least);
+            let last = ((high + to_last) >> SUBPIXELS.trailing_zeros()).min(most);
+            // Of x and y.
+            let is_empty = first.simd_gt(last).to_bitmask() & 0b11 != 0;
+            self.first[i] = first.into();
+            self.last[i] = last.into();
+            self.nearest[i] = f32::from_bits(if picture.is_perspective { high_of[2] } else { low_of[2] } as u32);
+            holding |= u64::from(!is_empty) << i;
+        }
+        holding
+    }
+
+    /// As [`look_at`](Self::look_at) one triangle that is not wholly on the grid.
+    #[inline(never)]
+    fn look_aside(&mut self, i: usize, picture: &Picture, triangle: &[u32; 3], vertices: &[Snapped]) -> bool {
+        let [a, b, c] = triangle.map(|v| vertices[v as usize]);
+        let found = if (a[3] | b[3] | c[3]) & place::BEHIND == 0 {
+            // Positions far aside are held to the grid's border, which leaves them outside of the picture.
+            let low: Snapped = std::array::from_fn(|k| a[k].min(b[k]).min(c[k]));
+            let high: Snapped = std::array::from_fn(|k| a[k].max(b[k]).max(c[k]));
+            picture.pixels(&low, &high)
+        } else if a[3] & b[3] & c[3] & place::BEHIND != 0 {
+            None
+        } else {
+            // Through the eye's plane: where it lies on the picture is found tile by tile.
+            Some(Span { x0: 0, y0: 0, x1: picture.last_px.0, y1: picture.last_px.1 })
+        };
+        let Some(found) = found else { return false };
+        self.first[i] = [found.x0, found.y0, 0, 0];
+        self.last[i] = [found.x1, found.y1, 0, 0];
+        // What lies far aside is drawn from its plane, which rounding may put before its corners.
+        self.nearest[i] = if picture.is_perspective { f32::INFINITY } else { 0.0 };
+        true
+    }
+}
+
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-fn bin(
+fn bin<S: Simd>(
+    simd: S,
     view: &View,
     picture: &Picture,
     model: &MeshModel,
@@ -279,40 +352,23 @@ fn bin(
 ) {
     let of = &model.meshlets[meshlet];
     let triangles = &model.triangles[of.first as usize..(of.first + of.count) as usize];
-    let mut drawn = [Drawn::default(); MESHLET];
+    let holding = scratch.look_at(simd, picture, triangles, vertices);
     let mut small = 0_u64;
     let mut large = 0_u64;
     let nothing = Span { x0: i32::MAX, y0: i32::MAX, x1: i32::MIN, y1: i32::MIN };
     let (mut pixels, mut of_small) = (nothing, nothing);
     let mut nearest = f32::NEG_INFINITY;
-    for (i, triangle) in triangles.iter().enumerate() {
-        let [a, b, c] = triangle.map(|v| vertices[v as usize]);
-        let low: Snapped = std::array::from_fn(|k| a[k].min(b[k]).min(c[k]));
-        let high: Snapped = std::array::from_fn(|k| a[k].max(b[k]).max(c[k]));
-        let places = a[3] | b[3] | c[3];
-        let found = if places & place::BEHIND == 0 {
-            // Positions far aside are held to the grid's border, which leaves them outside of the picture.
-            picture.pixels(&low, &high)
-        } else if a[3] & b[3] & c[3] & place::BEHIND != 0 {
-            None
-        } else {
-            // Through the eye's plane: where it lies on the picture is found tile by tile.
-            Some(Span { x0: 0, y0: 0, x1: picture.last_px.0, y1: picture.last_px.1 })
-        };
-        let Some(found) = found else { continue };
-        let key = |v: &Snapped| f32::from_bits(v[2] as u32);
-        // What lies far aside is drawn from its plane, which rounding may put before its corners.
-        let key = if places == 0 {
-            key(&a).max(key(&b)).max(key(&c))
-        } else if picture.is_perspective {
-            f32::INFINITY
-        } else {
-            0.0
-        };
-        let key =
-            if of.has_shared_planes { key.max(over_plane(model, planes, of.first + i as u32, [a, b, c])) } else { key };
-        nearest = nearest.max(key);
-        drawn[i] = Drawn { pixels: found, nearest: key };
+    let mut rest = holding;
+    while rest != 0 {
+        let i = rest.trailing_zeros();
+        rest &= rest - 1;
+        let found = scratch.pixels(i);
+        if of.has_shared_planes {
+            let corners = triangles[i as usize].map(|v| vertices[v as usize]);
+            let key = &mut scratch.nearest[i as usize];
+            *key = key.max(over_plane(model, planes, of.first + i, corners));
+        }
+        nearest = nearest.max(scratch.nearest[i as usize]);
         pixels = pixels.around(&found);
         if (found.x1 - found.x0).max(found.y1 - found.y0) < LARGE_PX {
             small |= 1 << i;
@@ -338,13 +394,13 @@ fn bin(
     while large != 0 {
         let i = large.trailing_zeros();
         large &= large - 1;
-        let Drawn { pixels, nearest } = &drawn[i as usize];
+        let (pixels, nearest) = (scratch.pixels(i), scratch.nearest[i as usize]);
         let corners = triangles[i as usize].map(|v| vertices[v as usize]);
         let triangle = LargeTriangle::new(view, model, planes, of.first + i, corners);
         for (x, y) in pixels.tiles().all() {
             let here = pixels.within_tile(x, y);
             if triangle.may_cover(picture, &here) {
-                out.push((tile(x, y), entry(&here, triangle.nearest(&here).min(*nearest), 1 << i)));
+                out.push((tile(x, y), entry(&here, triangle.nearest(&here).min(nearest), 1 << i)));
             }
         }
     }
@@ -359,11 +415,11 @@ fn bin(
     while rest != 0 {
         let i = rest.trailing_zeros();
         rest &= rest - 1;
-        let Drawn { pixels, nearest } = &drawn[i as usize];
+        let (pixels, nearest) = (scratch.pixels(i), scratch.nearest[i as usize]);
         for (x, y) in pixels.tiles().all() {
             let (triangles, nearest_here) = &mut scratch.tiles[((y - all.y0) * width + x - all.x0) as usize];
             *triangles |= 1 << i;
-            *nearest_here = nearest_here.max(*nearest);
+            *nearest_here = nearest_here.max(nearest);
         }
     }
     for (i, &(triangles, nearest)) in scratch.tiles.iter().enumerate().filter(|(_, (triangles, _))| *triangles != 0) {
