@@ -86,6 +86,8 @@ pub(super) struct Fragments {
     free_mixed: Vec<u32>,
     /// How many layers were begun.
     pub begun: usize,
+    /// How many times fragments found a place in a layer that was there.
+    pub shared: usize,
     /// By block: bit i is set where pixel i needs no more fragments.
     done: Vec<u8>,
     /// By row of blocks: bit i is set where no pixel of block i does.
@@ -103,6 +105,7 @@ impl Fragments {
         self.free.clear();
         self.free_mixed.clear();
         self.begun = 0;
+        self.shared = 0;
         self.done.clear();
         self.done.resize((BLOCKS_ACROSS * BLOCKS_DOWN) as usize, 0);
         self.settled = [0; BLOCKS_DOWN as usize];
@@ -177,6 +180,7 @@ impl Fragments {
         for _ in 0..look_back {
             let Some(layer) = self.layers.get_mut(at as usize) else { break };
             if layer.slot == slot && layer.taken & bits == 0 {
+                self.shared += 1;
                 layer.taken |= bits;
                 let link = &mut self.links[at as usize];
                 link.nearest = link.nearest.max(nearest);
@@ -199,6 +203,7 @@ impl Fragments {
         for _ in 0..LOOK_BACK {
             let Some(layer) = self.layers.get_mut(at as usize) else { break };
             if layer.slot == slot && layer.taken >> lane & 1 == 0 {
+                self.shared += 1;
                 layer.taken |= 1 << lane;
                 let link = &mut self.links[at as usize];
                 link.nearest = link.nearest.max(key);

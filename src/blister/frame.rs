@@ -286,7 +286,6 @@ impl<'a> MeshFrame<'a> {
                 if let Some(slot) = slot_of(self.model.meshlets[entry.meshlet as usize].leaf) {
                     pass.meshlet(simd, &offsets, &entry, slot, &scratch.planes, &mut scratch.fragments);
                 }
-                settling.drawn += entry.triangles.count_ones();
                 let Some(next) = scratch.entries.get(i + 1) else { break };
                 if settling.is_due(next.nearest, &scratch.fragments) {
                     settling.settle(simd, next.nearest, scratch, lanes);

@@ -6,9 +6,9 @@
 //! else the parity of a leaf takes all of its fragments.
 //!
 //! *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
-//! passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as ever before: no
-//! more looks than the logarithm of the layers. Small triangles share layers, but each takes its time to be drawn: where many
-//! come, a look is taken as soon as it costs less than they did.
+//! passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as the look before
+//! left over: then all that looks pass by is no more than what was drawn. Small triangles share layers, but each takes its time
+//! to be drawn: where many come, a look is taken when as many shared as are worth it.
 
 use fearless_simd::Simd;
 
@@ -35,17 +35,18 @@ pub(super) struct Settling {
     /// Layers begun at the last look, and how many more make the next.
     last: usize,
     step: usize,
-    /// Triangles drawn since the last look.
-    pub drawn: u32,
+    /// How often fragments had shared a layer at the last look.
+    last_shared: usize,
     /// All fragments with greater keys have been peeled.
     floor: f32,
 }
 
 impl Settling {
-    /// Layers for each open block that make the first look.
+    /// No look is taken until so many layers have come for each open block, or so many fragments of small triangles that shared
+    /// one. To draw one takes about as long as to look at a block, but of those to come only some are spared by it.
     const LAYERS_A_LOOK: u32 = 2;
 
-    /// To draw a small triangle takes about as long as to look at an open block, or to pass by so many layers.
+    /// To draw a small triangle takes about as long as to pass by so many layers.
     const LAYERS_A_TRIANGLE: usize = 8;
 
     pub fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
@@ -53,13 +54,26 @@ impl Settling {
         let across = blocks(wanted.x0 - grid.x0, wanted.x1 - grid.x0, BLOCK_WIDTH);
         let open = across * blocks(wanted.y0 - grid.y0, wanted.y1 - grid.y0, BLOCK_HEIGHT);
         let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self { wanted, wants_bodies, may_be_few, grid, is_on, open, last: 0, step, drawn: 0, floor: f32::INFINITY }
+        Self {
+            wanted,
+            wants_bodies,
+            may_be_few,
+            grid,
+            is_on,
+            open,
+            last: 0,
+            step,
+            last_shared: 0,
+            floor: f32::INFINITY,
+        }
     }
 
     /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
     pub fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
         // Nothing can be told while what is to come may be as near as what has been peeled.
-        let has_paid = || self.drawn as usize >= self.open as usize + fragments.in_use() / Self::LAYERS_A_TRIANGLE;
+        let for_blocks = (self.open * Self::LAYERS_A_LOOK) as usize;
+        let shared = fragments.shared - self.last_shared;
+        let has_paid = || shared >= for_blocks + fragments.in_use() / Self::LAYERS_A_TRIANGLE;
         self.is_on && nearest < self.floor && (fragments.begun >= self.last + self.step || has_paid())
     }
 
@@ -138,9 +152,9 @@ impl Settling {
             self.end(simd, number, done, wanted, floor, &scratch.layers, &mut scratch.fragments);
         }
         self.floor = floor;
-        self.drawn = 0;
         self.last = scratch.fragments.begun;
-        self.step = self.last.max((self.open * Self::LAYERS_A_LOOK) as usize);
+        self.last_shared = scratch.fragments.shared;
+        self.step = scratch.fragments.in_use().max((self.open * Self::LAYERS_A_LOOK) as usize);
     }
 
     /// Ends the look at a block: of the pixels `wanted` those of `done` need nothing more, the others what is left of `layers`.
