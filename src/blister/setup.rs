@@ -5,8 +5,10 @@
 //! the picture.
 //!
 //! *Practice.* Scans at picture size are made of small triangles, and half of those hold no sample. They cost a share of a
-//! few dozen vector instructions here; keys are computed where any triangle of the eight needs one. Edge functions of a
-//! triangle no wider than [`SMALL`] fit 32 bits over the tile, wherever it touches that; larger ones are handed back.
+//! few dozen vector instructions here; keys are computed where any triangle of the eight needs one. Vertices are kept whole
+//! and turned into lanes as vectors: lanes that are stored one by one must all have arrived before they can be loaded. Edge
+//! functions of a triangle no wider than [`SMALL`] fit 32 bits over the tile, wherever it touches that; larger ones are handed
+//! back.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, i32x8};
@@ -25,10 +27,8 @@ pub(super) struct Batch {
     pub len: usize,
     /// The triangles' numbers.
     pub numbers: [u32; LANES],
-    /// Corners on the grid: x and y of each.
-    corners: [[i32; LANES]; 6],
-    /// The corners' keys.
-    keys: [[f32; LANES]; 3],
+    /// By corner: each triangle's.
+    corners: [[Snapped; LANES]; 3],
 }
 
 /// What is known of a batch's triangles.
@@ -44,14 +44,14 @@ pub(super) struct Ready {
     rows: [[i32; LANES]; 2],
     /// By edge: `c`, `dx` and `dy` of each one's [`Edge`].
     edges: [[[i32; LANES]; 3]; 3],
+    /// The range of the corners' keys.
+    low: [f32; LANES],
+    high: [f32; LANES],
 }
 
 /// The keys over a batch's triangles.
 pub(super) struct Keys {
     own: Affines,
-    /// The range of the corners.
-    low: [f32; LANES],
-    high: [f32; LANES],
     /// Shared planes.
     planes: [u32; LANES],
 }
@@ -62,18 +62,31 @@ impl Batch {
         let lane = self.len;
         self.len += 1;
         self.numbers[lane] = number;
-        for (corner, v) in [a, b, c].into_iter().enumerate() {
-            self.corners[2 * corner][lane] = v[0];
-            self.corners[2 * corner + 1][lane] = v[1];
-            self.keys[corner][lane] = f32::from_bits(v[2] as u32);
+        for (corners, v) in self.corners.iter_mut().zip([a, b, c]) {
+            corners[lane] = *v;
         }
+    }
+
+    /// The numbers of one corner of each triangle, those of a [`Snapped`].
+    #[inline(always)]
+    fn corner<S: Simd>(&self, simd: S, corner: usize) -> [i32x8<S>; 4] {
+        let (left, right) = self.corners[corner].split_at(LANES / 2);
+        let of_half = |half: &[Snapped]| {
+            let numbers = half.as_flattened().try_into().expect("half of the lanes, four numbers each");
+            simd.load_four_interleaved_i32x4(numbers)
+        };
+        let (left, right) = (of_half(left), of_half(right));
+        [left[0].combine(right[0]), left[1].combine(right[1]), left[2].combine(right[2]), left[3].combine(right[3])]
     }
 
     /// Finds what the triangles cover.
     #[inline(always)]
     pub fn ready<S: Simd>(&self, simd: S, grid: &Grid) -> Ready {
-        let load = |i: usize| i32x8::from_slice(simd, &self.corners[i]) - grid.sample[i % 2];
-        let (ax, ay, bx, by, cx, cy) = (load(0), load(1), load(2), load(3), load(4), load(5));
+        let ([ax, ay, a_key, _], [bx, by, b_key, _], [cx, cy, c_key, _]) =
+            (self.corner(simd, 0), self.corner(simd, 1), self.corner(simd, 2));
+        let (ax, bx, cx) = (ax - grid.sample[0], bx - grid.sample[0], cx - grid.sample[0]);
+        let (ay, by, cy) = (ay - grid.sample[1], by - grid.sample[1], cy - grid.sample[1]);
+        let [a_key, b_key, c_key] = [a_key, b_key, c_key].map(|bits| bits.bitcast::<f32x8<S>>());
         let last = TILE_SIDE as i32 - 1;
         let (low_x, high_x) = (ax.min(bx).min(cx), ax.max(bx).max(cx));
         let (low_y, high_y) = (ay.min(by).min(cy), ay.max(by).max(cy));
@@ -122,12 +135,14 @@ impl Batch {
             columns: [x0.into(), x1.into()],
             rows: [y0.into(), y1.into()],
             edges,
+            low: a_key.min(b_key).min(c_key).into(),
+            high: a_key.max(b_key).max(c_key).into(),
         }
     }
 
     /// The keys over the triangles of `lanes`, at samples that lie at `offset` in their pixels. `surfaces` are all triangles'.
     #[inline(always)]
-    pub fn keys<S: Simd>(&self, simd: S, lanes: u32, surfaces: &[Surface], view: &View, offset: DVec2) -> Keys {
+    pub fn keys(&self, lanes: u32, surfaces: &[Surface], view: &View, offset: DVec2) -> Keys {
         let mut normals = [[0.0; LANES]; 3];
         let mut offsets = [0.0; LANES];
         let mut planes = [NO_PLANE; LANES];
@@ -142,22 +157,16 @@ impl Batch {
             offsets[lane] = surface.offset;
             planes[lane] = surface.plane;
         }
-        let [a, b, c] = self.keys.each_ref().map(|keys| f32x8::from_slice(simd, keys));
-        Keys {
-            own: view.keys_over(&normals, &offsets).counted_from(offset),
-            low: a.min(b).min(c).into(),
-            high: a.max(b).max(c).into(),
-            planes,
-        }
+        Keys { own: view.keys_over(&normals, &offsets).counted_from(offset), planes }
     }
 }
 
 impl Keys {
     /// The key over triangle `lane`, its own or that of a shared plane.
     #[inline(always)]
-    pub fn of(&self, lane: usize, planes: &[Key]) -> Key {
+    pub fn of(&self, lane: usize, ready: &Ready, planes: &[Key]) -> Key {
         if self.planes[lane] == NO_PLANE {
-            held(self.own.get(lane), self.low[lane], self.high[lane])
+            held(self.own.get(lane), ready.low[lane], ready.high[lane])
         } else {
             planes[self.planes[lane] as usize]
         }

@@ -57,17 +57,17 @@ impl Pass<'_> {
             let (mut small, mut medium, mut large) = (ready.visible(), ready.medium, ready.large);
             if small | medium | large != 0 {
                 let (surfaces, view) = (&model.surfaces[..], &self.frame.view);
-                let keys = batch.keys(simd, small | medium | large, surfaces, view, self.offset);
+                let keys = batch.keys(small | medium | large, surfaces, view, self.offset);
                 while small != 0 {
                     let lane = small.trailing_zeros() as usize;
                     small &= small - 1;
-                    ready.draw(lane, &keys.of(lane, planes), &self.grid, slot, batch.numbers[lane], fragments);
+                    ready.draw(lane, &keys.of(lane, &ready, planes), &self.grid, slot, batch.numbers[lane], fragments);
                 }
                 while medium != 0 {
                     let lane = medium.trailing_zeros() as usize;
                     medium &= medium - 1;
                     let (within, edges) = ready.outline(lane);
-                    let (key, number) = (keys.of(lane, planes), batch.numbers[lane]);
+                    let (key, number) = (keys.of(lane, &ready, planes), batch.numbers[lane]);
                     raster::blocks(simd, offsets, &self.grid, within, &edges, &key, slot, number, fragments);
                 }
                 while large != 0 {
@@ -75,7 +75,7 @@ impl Pass<'_> {
                     large &= large - 1;
                     let number = batch.numbers[lane];
                     let corners = model.triangles[number as usize].map(|v| &vertices[v as usize]);
-                    let key = keys.of(lane, planes);
+                    let key = keys.of(lane, &ready, planes);
                     raster::triangle(simd, offsets, &self.grid, corners, &key, slot, number, fragments);
                 }
             }
