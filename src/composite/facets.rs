@@ -18,6 +18,8 @@ pub(crate) const STEEPEST: f32 = 50.0;
 
 /// Facets that are compared at once.
 const LANES: usize = 8;
+// What becomes of them is a bit for each in a byte.
+const _: () = assert!(LANES == u8::BITS as usize);
 
 /// A boundary at one pixel.
 #[derive(Debug, Clone, Copy)]

@@ -191,6 +191,7 @@ impl<'a> Shader<'a> {
     #[inline(always)]
     fn light_tile_lanes<S: Simd>(&self, simd: S, tile: &LayerTile, most: usize, sun: &[f32], lit: &mut [[f32; 4]]) {
         let across = tile.rect.width() as usize;
+        debug_assert!(sun.is_empty() || sun.len() == tile.boundaries.len());
         let mut queue = Queue::default();
         for (row, y) in (tile.rect.y0..tile.rect.y1).enumerate() {
             let offsets = &tile.offsets[row * across..=(row + 1) * across];
@@ -214,7 +215,8 @@ impl<'a> Shader<'a> {
         self.light_queue(simd, &queue, &tile.boundaries, sun, lit);
     }
 
-    /// Lights the boundaries of `queue`.
+    /// Lights the boundaries of `queue`. What they say is put side by side straight from their records: going through a
+    /// [`Batch`]'s arrays would write and read each value once more.
     #[inline(always)]
     fn light_queue<S: Simd>(&self, simd: S, queue: &Queue, boundaries: &[Boundary], sun: &[f32], lit: &mut [[f32; 4]]) {
         for from in (0..queue.len).step_by(LANES) {

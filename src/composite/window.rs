@@ -1,8 +1,9 @@
 //! The layers of a tile and of the pixels around it, for whoever looks beside a pixel.
 //!
-//! *Practice.* Surfaces stay lists, as they come: a pixel's are a run of one array of the whole strip, [`Surfaces`], those of its
-//! layers in order. Where a pixel has no such layer, the last of the array stands for it, which is nothing. Lines are few, so they are a map for each layer that has
-//! any. What four neighbouring pixels have at most is known beforehand: most lookups meet no line, and many nothing.
+//! *Practice.* Surfaces stay lists, as they come: a pixel's are a run of one array of the whole strip, [`Surfaces`], those of
+//! its layers in order. Where a pixel has no such layer, the last of the array stands for it, which is nothing. Lines are few, so
+//! they are a map for each layer that has any. What four neighbouring pixels have at most is known beforehand: most lookups meet no
+//! line, and many nothing.
 
 use std::ops::Range;
 
@@ -41,7 +42,7 @@ impl Surfaces {
         let mut first = Vec::with_capacity(strip.tiles.len());
         let mut count = 0;
         for tile in &strip.tiles {
-            first.push(count as u32);
+            first.push(u32::try_from(count).expect("a strip's boundaries are fewer than 2^32"));
             count += tile.boundaries.len();
         }
         let (mut colour, mut depth) = (vec![[0.0; 4]; count + 1], vec![f32::INFINITY; count + 1]);
