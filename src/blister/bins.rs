@@ -5,7 +5,7 @@
 //! its own, which knows what part of the tile it may cover, and how near it comes there: so what lies behind can be told from
 //! what lies in front. Entries are counted and placed by tile, tasks in order, so the lists do not depend on threads. Every
 //! other triangle of a scan at picture size is dropped, which no processor can guess: so a meshlet's boxes are all computed
-//! first, without a branch, and only what holds pixels is gone through after that.
+//! first, without a branch that must be guessed, and only what holds pixels is gone through after that.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, i32x4};
@@ -286,7 +286,8 @@ impl BinScratch {
     /// Finds the pixels and the nearest keys of a meshlet's triangles, by the vertices alone; returns which ones hold any.
     #[inline(always)]
     fn look_at<S: Simd>(&mut self, simd: S, picture: &Picture, triangles: &[[u32; 3]], vertices: &[Snapped]) -> u64 {
-        // Numbers of a vertex are lanes. Keys of one sign are ordered as their bits are, those below zero the other way.
+        // Numbers of a vertex are lanes. Keys are of one sign, since what is drawn so lies before the eye: not below zero in
+        // perspective, not above it else. They are ordered as their bits are, those below zero the other way.
         let to_first = i32x4::splat(simd, SUBPIXELS - 1 - picture.last_sample);
         let to_last = i32x4::splat(simd, -picture.first_sample);
         let least = i32x4::splat(simd, 0);

@@ -86,7 +86,7 @@ pub(super) struct Fragments {
     free_mixed: Vec<u32>,
     /// How many layers were begun.
     pub begun: usize,
-    /// How many times fragments found a place in a layer that was there.
+    /// How many times a fragment, or those of a triangle in one block, found a place in a layer that was there.
     pub shared: usize,
     /// By block: bit i is set where pixel i needs no more fragments.
     done: Vec<u8>,

@@ -7,8 +7,9 @@
 //!
 //! *Practice.* A block keeps its pixels' memberships from look to look, so that every fragment is peeled once. Still a look
 //! passes by the layers that are too far to be peeled yet, so one is taken when as many layers have come as the look before
-//! left over: then all that looks pass by is no more than what was drawn. Small triangles share layers, but each takes its time
-//! to be drawn: where many come, a look is taken when as many shared as are worth it.
+//! left over: then what such looks pass by is no more than what was drawn. Fragments that share a layer take their time to be
+//! drawn too: where many do, a look is taken when there are as many as are worth it. Where a look settled no block, the next waits
+//! for twice as much: in some scenes nothing settles before all is drawn.
 
 use fearless_simd::Simd;
 
@@ -37,24 +38,26 @@ pub(super) struct Settling {
     step: usize,
     /// How often fragments had shared a layer at the last look.
     last_shared: usize,
+    /// How many times as much as else the next look waits for.
+    patience: usize,
     /// All fragments with greater keys have been peeled.
     floor: f32,
 }
 
 impl Settling {
-    /// No look is taken until so many layers have come for each open block, or so many fragments of small triangles that shared
-    /// one. To draw one takes about as long as to look at a block, but of those to come only some are spared by it.
+    /// No look is taken until so many layers have come for each open block, or so many fragments that shared one. To draw one
+    /// takes about as long as to look at a block, but of those to come only some are spared by it.
     const LAYERS_A_LOOK: u32 = 2;
 
-    /// To draw a small triangle takes about as long as to pass by so many layers.
-    const LAYERS_A_TRIANGLE: usize = 8;
+    /// A look passes by so many layers in the time that drawing a fragment that shares one takes; found by trying, on scenes
+    /// of many small triangles, whose fragments nearly all do.
+    const LAYERS_A_SHARER: usize = 8;
 
     pub fn new(wanted: PixelRect, grid: Grid, is_on: bool, may_be_few: bool, wants_bodies: bool) -> Self {
         let blocks = |first: u32, end: u32, size: u32| end.div_ceil(size) - first / size;
         let across = blocks(wanted.x0 - grid.x0, wanted.x1 - grid.x0, BLOCK_WIDTH);
         let open = across * blocks(wanted.y0 - grid.y0, wanted.y1 - grid.y0, BLOCK_HEIGHT);
-        let step = (open * Self::LAYERS_A_LOOK) as usize;
-        Self {
+        let mut settling = Self {
             wanted,
             wants_bodies,
             may_be_few,
@@ -62,18 +65,26 @@ impl Settling {
             is_on,
             open,
             last: 0,
-            step,
+            step: 0,
             last_shared: 0,
+            patience: 1,
             floor: f32::INFINITY,
-        }
+        };
+        settling.step = settling.for_blocks();
+        settling
+    }
+
+    /// What a look waits for at least.
+    fn for_blocks(&self) -> usize {
+        (self.open * Self::LAYERS_A_LOOK) as usize
     }
 
     /// Whether to look, where `nearest` is the greatest key that fragments to come can have.
     pub fn is_due(&self, nearest: f32, fragments: &Fragments) -> bool {
-        // Nothing can be told while what is to come may be as near as what has been peeled.
-        let for_blocks = (self.open * Self::LAYERS_A_LOOK) as usize;
         let shared = fragments.shared - self.last_shared;
-        let has_paid = || shared >= for_blocks + fragments.in_use() / Self::LAYERS_A_TRIANGLE;
+        let enough = || self.for_blocks() + fragments.in_use() / Self::LAYERS_A_SHARER;
+        let has_paid = || shared >= self.patience.saturating_mul(enough());
+        // Nothing can be told while what is to come may be as near as what has been peeled.
         self.is_on && nearest < self.floor && (fragments.begun >= self.last + self.step || has_paid())
     }
 
@@ -94,7 +105,7 @@ impl Settling {
     /// Peels every open block down to `floor`, the greatest key that fragments to come can have.
     #[inline(always)]
     pub fn settle<S: Simd>(&mut self, simd: S, floor: f32, scratch: &mut Scratch, lanes: &mut LaneScratch<S>) {
-        let words = scratch.shrunk.words();
+        let (words, open) = (scratch.shrunk.words(), self.open);
         for number in 0..BLOCKS_ACROSS * BLOCKS_DOWN {
             let (block_x, block_y) = (number % BLOCKS_ACROSS, number / BLOCKS_ACROSS);
             let corner = (self.grid.x0 + block_x * BLOCK_WIDTH, self.grid.y0 + block_y * BLOCK_HEIGHT);
@@ -154,7 +165,8 @@ impl Settling {
         self.floor = floor;
         self.last = scratch.fragments.begun;
         self.last_shared = scratch.fragments.shared;
-        self.step = scratch.fragments.in_use().max((self.open * Self::LAYERS_A_LOOK) as usize);
+        self.patience = if self.open < open { 1 } else { self.patience.saturating_mul(2) };
+        self.step = self.patience.saturating_mul(scratch.fragments.in_use().max(self.for_blocks()));
     }
 
     /// Ends the look at a block: of the pixels `wanted` those of `done` need nothing more, the others what is left of `layers`.
