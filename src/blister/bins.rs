@@ -168,8 +168,8 @@ impl Picture {
     #[inline(always)]
     fn pixels(&self, low: &Snapped, high: &Snapped) -> Option<Span> {
         // The first pixel whose last sample is not before `low`, the last pixel whose first sample is not after `high`.
-        let first = |low: i32| (low - self.last_sample + 255) >> 8;
-        let last = |high: i32| (high - self.first_sample) >> 8;
+        let first = |low: i32| (low - self.last_sample + SUBPIXELS - 1).div_euclid(SUBPIXELS);
+        let last = |high: i32| (high - self.first_sample).div_euclid(SUBPIXELS);
         let (x0, y0) = (first(low[0]).max(0), first(low[1]).max(0));
         let (x1, y1) = (last(high[0]).min(self.last_px.0), last(high[1]).min(self.last_px.1));
         (x0 <= x1 && y0 <= y1).then_some(Span { x0, y0, x1, y1 })
@@ -301,7 +301,7 @@ impl BinScratch {
                 holding |= u64::from(self.look_aside(i, picture, triangle, vertices)) << i;
                 continue;
             }
-            // The first pixel whose last sample is not before `low`, the last pixel whose first sample is not after `high`.
+            // As [`Picture::pixels`].
             let first = ((low + to_first) >> SUBPIXELS.trailing_zeros()).max(least);
             let last = ((high + to_last) >> SUBPIXELS.trailing_zeros()).min(most);
             // Of x and y.

@@ -51,7 +51,7 @@ impl Canvas {
 }
 
 /// The rows of each tile of `band`, some rows of tiles of a picture `across` pixels wide.
-fn rows_of_tiles<T>(band: &mut [T], across: usize) -> Vec<Vec<&mut [T]>> {
+pub(super) fn rows_of_tiles<T>(band: &mut [T], across: usize) -> Vec<Vec<&mut [T]>> {
     let side = TILE_SIDE as usize;
     let mut tiles = Vec::new();
     for of_row in band.chunks_mut((across * side).max(1)) {

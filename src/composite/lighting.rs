@@ -54,8 +54,6 @@ pub(super) struct Batch {
     normal: [[f32; BATCH]; 3],
     colour: [[f32; BATCH]; 3],
     opacity: [f32; BATCH],
-    /// The share of the light that arrives.
-    sun: [f32; BATCH],
 }
 
 impl Default for Batch {
@@ -67,7 +65,6 @@ impl Default for Batch {
             normal: [[0.0; BATCH]; 3],
             colour: [[0.0; BATCH]; 3],
             opacity: [0.0; BATCH],
-            sun: [0.0; BATCH],
         }
     }
 }
@@ -88,14 +85,13 @@ impl Default for Queue {
 }
 
 impl Batch {
-    /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle. Of the light
-    /// a share `sun` arrives there. A batch that [is full](Self::is_full) takes no more.
+    /// Adds the boundary that is number `index` of what is lit, at a pixel centre counted from the picture's middle, where
+    /// all of the light arrives. A batch that [is full](Self::is_full) takes no more.
     #[inline(always)]
-    pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary, sun: f32) {
+    pub fn push(&mut self, index: usize, at: [f32; 2], boundary: &Boundary) {
         let lane = self.len;
         self.len += 1;
         self.index[lane] = index;
-        self.sun[lane] = sun;
         self.opacity[lane] = boundary.opacity.clamp(0.0, 1.0);
         (self.at[0][lane], self.at[1][lane]) = (at[0], at[1]);
         let (normal, colour) = (boundary.normal.to_array(), boundary.colour);
@@ -163,7 +159,7 @@ impl<'a> Shader<'a> {
             let [n_x, n_y, n_z] = &batch.normal;
             let [r, g, b] = &batch.colour;
             let (normal, colour) = ([load(n_x), load(n_y), load(n_z)], [load(r), load(g), load(b)]);
-            let [r, g, b] = self.lit_lanes(simd, at, normal, colour, load(&batch.sun));
+            let [r, g, b] = self.lit_lanes(simd, at, normal, colour, f32x8::splat(simd, 1.0));
             let opacity = &batch.opacity[from..from + LANES];
             for (lane, &index) in batch.index[from..batch.len.min(from + LANES)].iter().enumerate() {
                 lit[index] = [r[lane], g[lane], b[lane], opacity[lane]];

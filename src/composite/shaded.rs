@@ -4,11 +4,11 @@
 //! on its own, so that edges between two leaves of one pixel show neither background nor halo.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
 use super::Picture;
+use super::canvas::rows_of_tiles;
 use super::lighting::{Batch, Look, Rows, Shader};
 use crate::layers::{Boundary, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE};
 use crate::space::{Camera, PixelRect};
@@ -59,25 +59,11 @@ fn by_tiles(camera: &Camera, look: &Look, draw: &DrawTile) -> Picture {
     let (width, height) = (camera.width, camera.height);
     let shader = Shader::new(&look.light, camera);
     let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
-    let covered = AtomicU64::new(0);
-    let side = TILE_SIDE as usize;
-    let band_length = width as usize * side;
-    pixels.par_chunks_mut(band_length.max(1)).enumerate().for_each(|(band_index, band)| {
-        let y0 = band_index as u32 * TILE_SIDE;
-        let y1 = (y0 + TILE_SIDE).min(height);
-        let mut tiles: Vec<Vec<&mut [[f32; 4]]>> =
-            (0..(width as usize).div_ceil(side)).map(|_| Vec::with_capacity(side)).collect();
-        for line in band.chunks_mut(width as usize) {
-            tiles.iter_mut().zip(line.chunks_mut(side)).for_each(|(rows, row)| rows.push(row));
-        }
-        tiles.into_par_iter().enumerate().for_each(|(column, mut rows)| {
-            let x0 = column as u32 * TILE_SIDE;
-            let rect = PixelRect { x0, y0, x1: (x0 + TILE_SIDE).min(width), y1 };
-            covered.fetch_add(draw(&shader, rect, &mut rows), Ordering::Relaxed);
-        });
-    });
+    let tiles = rows_of_tiles(&mut pixels, width as usize).into_par_iter();
+    let rects = PixelRect::tiles(width, height, TILE_SIDE);
+    let covered = tiles.zip(rects).map(|(mut rows, rect)| draw(&shader, rect, &mut rows)).sum();
     let has_alpha = look.background[3] < 1.0;
-    Picture { width, height, pixels, depth: None, covered: covered.into_inner(), has_alpha }
+    Picture { width, height, pixels, depth: None, covered, has_alpha }
 }
 
 /// How many tiles [`shaded`] draws for `camera`.
@@ -103,7 +89,7 @@ pub(super) fn blend_tile(tile: &LayerTile, samples: u32, shader: &Shader, backgr
             covered += 1;
             let index = row * across + column;
             if first.samples & all == all && first.opacity >= 1.0 {
-                batch.push(index, shader.centre_of(x, y), first, 1.0);
+                batch.push(index, shader.centre_of(x, y), first);
                 if batch.is_full() {
                     shader.light(&mut batch, &mut pixels);
                 }
@@ -199,6 +185,8 @@ pub fn blend(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
     use glam::{DVec3, Vec3};
 
     use super::super::lighting::GROUND_SHARE;

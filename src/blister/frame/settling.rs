@@ -85,7 +85,7 @@ impl Settling {
         let enough = || self.for_blocks() + fragments.in_use() / Self::LAYERS_A_SHARER;
         let has_paid = || shared >= self.patience.saturating_mul(enough());
         // Nothing can be told while what is to come may be as near as what has been peeled.
-        self.is_on && nearest < self.floor && (fragments.begun >= self.last + self.step || has_paid())
+        self.is_on && nearest < self.floor && (fragments.begun - self.last >= self.step || has_paid())
     }
 
     /// No fragment that is still to be peeled has this key or a greater one.
