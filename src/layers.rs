@@ -9,6 +9,7 @@
 
 pub mod limit;
 pub mod merged;
+pub mod opaque;
 #[cfg(test)]
 mod test_layers;
 
@@ -16,6 +17,8 @@ use std::sync::LazyLock;
 
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
+
+pub use opaque::OpaqueTile;
 
 use crate::space::{Camera, PixelRect};
 
@@ -156,37 +159,6 @@ impl LayerTile {
     }
 }
 
-/// Pixels of an [`OpaqueTile`].
-const TILE_AREA: usize = (TILE_SIDE * TILE_SIDE) as usize;
-
-/// What a plain picture needs of a tile where nothing shows through anything: at most one surface a pixel, which is opaque and
-/// seen by all of the pixel's samples. Less than a [`LayerTile`] holds, and ready to be lit many pixels at a time.
-///
-/// The pixel at column x and row y *of the tile* has place `y · TILE_SIDE + x`; what uncovered places hold means nothing.
-#[derive(Debug, Clone)]
-pub struct OpaqueTile {
-    /// Unit normals in world space, either way round; x, y and z apart.
-    pub normals: [Box<[f32; TILE_AREA]>; 3],
-    /// Linear RGB, unlit; the channels apart.
-    pub colours: [Box<[f32; TILE_AREA]>; 3],
-    /// By row: bit x is set where the pixel at column x shows a surface.
-    pub covered: [u64; TILE_SIDE as usize],
-}
-
-impl Default for OpaqueTile {
-    fn default() -> Self {
-        let plane = || {
-            let places: Box<[f32]> = vec![0.0; TILE_AREA].into();
-            places.try_into().expect("as many places as the type says")
-        };
-        Self {
-            normals: std::array::from_fn(|_| plane()),
-            colours: std::array::from_fn(|_| plane()),
-            covered: [0; TILE_SIDE as usize],
-        }
-    }
-}
-
 /// Joins the boundaries that a pixel's samples see into records with sample masks: the same leaf, facing and body, in the
 /// same order, are one boundary.
 #[derive(Debug, Clone, Default)]
@@ -254,8 +226,8 @@ pub trait LayerSource: Sync {
     /// The boundaries of `rect`, which lies within the picture. The same bits whatever thread asks, and whatever tiles
     /// were asked for before.
     fn draw(&self, rect: PixelRect) -> LayerTile;
-    /// Fills `tile` with what [`draw`](Self::draw) would show of `rect`, which lies within one tile of the picture, its first pixel
-    /// at the first place. `false` where the source has no such short cut, or the layers are more than it holds; `tile` then holds
+    /// Fills `tile` with what [`draw`](Self::draw) would show of `rect`, which lies within one tile of the picture, and with nothing
+    /// around it. `false` where the source has no such short cut, or the layers are more than it holds; `tile` then holds
     /// nothing of use.
     fn draw_opaque(&self, _rect: PixelRect, _tile: &mut OpaqueTile) -> bool {
         false

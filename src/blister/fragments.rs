@@ -16,18 +16,11 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, mask32x8, u32x8};
 
-use crate::layers::TILE_SIDE;
+use crate::layers::opaque::BLOCK_AREA;
+pub(super) use crate::layers::opaque::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN};
 
 /// Pixels that are peeled at once, as many as lanes.
-pub(super) const LANES: usize = 8;
-/// A block's pixels across. Blocks are near to square, so that small triangles touch few.
-pub(super) const BLOCK_WIDTH: u32 = 4;
-/// A block's pixels down.
-pub(super) const BLOCK_HEIGHT: u32 = 2;
-/// Blocks across a tile.
-pub(super) const BLOCKS_ACROSS: u32 = TILE_SIDE / BLOCK_WIDTH;
-/// Blocks down a tile.
-pub(super) const BLOCKS_DOWN: u32 = TILE_SIDE / BLOCK_HEIGHT;
+pub(super) const LANES: usize = BLOCK_AREA;
 
 /// The key of a place without a fragment.
 pub(super) const ABSENT: f32 = f32::NEG_INFINITY;

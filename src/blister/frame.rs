@@ -28,6 +28,7 @@ use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
 use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
+use crate::layers::opaque::{OpaquePixels, OpaqueSurface, blocks_of};
 use crate::layers::{LayerLimit, LayerSource, LayerTile, MAX_SAMPLES, OpaqueTile, TILE_SIDE, sample_offsets};
 use crate::space::{Camera, PixelRect};
 
@@ -205,7 +206,7 @@ impl<'a> MeshFrame<'a> {
         if scratch.shrunk.keep(&self.model.flat, present) != Kept::Open {
             return match target {
                 Target::Layers(parts) => parts.push(LayerTile::empty(wanted)),
-                Target::Opaque(tile) => tile.covered.fill(0),
+                Target::Opaque(tile) => tile.clear(),
             };
         }
         let slots = scratch.shrunk.slots().to_vec();
@@ -323,19 +324,18 @@ impl<'a> MeshFrame<'a> {
             };
             tile.offsets.push(0);
             if let Target::Opaque(tile) = target {
-                tile.covered.fill(0);
+                tile.clear();
             }
-            let blocks =
-                |first: u32, end: u32, block: u32| first % TILE_SIDE / block..((end - 1) % TILE_SIDE) / block + 1;
-            for block_y in blocks(wanted.y0, wanted.y1, BLOCK_HEIGHT) {
-                for block_x in blocks(wanted.x0, wanted.x1, BLOCK_WIDTH) {
+            let [columns, rows] = blocks_of(wanted);
+            for block_y in rows.0..=rows.1 {
+                for block_x in columns.0..=columns.1 {
                     let corner = (x0 + block_x * BLOCK_WIDTH, y0 + block_y * BLOCK_HEIGHT);
                     let wanted_here = wanted_lanes(corner, wanted);
                     let number = block_y * BLOCKS_ACROSS + block_x;
                     let done = scratch.fragments.done(number);
                     if let (Target::Opaque(tile), u8::MAX) = (&mut *target, done) {
                         let found = &scratch.found[number as usize];
-                        self.put(&scratch.looks, found, wanted_here, corner, wanted, tile);
+                        self.put(&scratch.looks, found, number, wanted_here, tile);
                         continue;
                     }
                     scratch.fragments.layers_of(number, &mut scratch.layers);
@@ -353,7 +353,7 @@ impl<'a> MeshFrame<'a> {
                         if let Some(new) = few.peel(simd, &mut lanes.nodes, state, found)
                             && let Target::Opaque(tile) = &mut *target
                         {
-                            self.put(&scratch.looks, found, (done | new) & wanted_here, corner, wanted, tile);
+                            self.put(&scratch.looks, found, number, (done | new) & wanted_here, tile);
                             continue;
                         }
                     }
@@ -398,7 +398,7 @@ impl<'a> MeshFrame<'a> {
                         Target::Layers(_) => chooser.out.end_block(wanted_here),
                         Target::Opaque(tile) => {
                             let (first, has) = chooser.out.take_block();
-                            self.put(&scratch.looks, &first, has & wanted_here, corner, wanted, tile);
+                            self.put(&scratch.looks, &first, number, has & wanted_here, tile);
                         }
                     }
                 }
@@ -415,54 +415,36 @@ impl<'a> MeshFrame<'a> {
         }
     }
 
-    /// Puts what the pixels `seen` of the block at `corner` show into an opaque tile that begins where `wanted` does.
+    /// Puts what the pixels `seen` of a block show into an opaque tile.
     #[inline(always)]
-    fn put(
-        &self,
-        looks: &[SlotLook],
-        first: &Eight,
-        seen: u8,
-        corner: (u32, u32),
-        wanted: PixelRect,
-        tile: &mut OpaqueTile,
-    ) {
-        let (what, owners) = (first.what(), first.owners());
-        let of = |lane: usize| {
-            let normal = self.model.surfaces[what[lane] as usize].normal;
-            (normal.to_array(), looks[owners[lane] as usize].look.colour)
-        };
-        if seen == u8::MAX
-            && what.iter().all(|other| *other == what[0])
-            && owners.iter().all(|other| *other == owners[0])
-        {
-            // Most blocks show one triangle.
-            let (normal, colour) = of(0);
-            let (x, y) = (corner.0 - wanted.x0, corner.1 - wanted.y0);
-            for y in y..y + BLOCK_HEIGHT {
-                let place = (y * TILE_SIDE + x) as usize;
-                for axis in 0..3 {
-                    tile.normals[axis][place..place + BLOCK_WIDTH as usize].fill(normal[axis]);
-                    tile.colours[axis][place..place + BLOCK_WIDTH as usize].fill(colour[axis]);
-                }
-                tile.covered[y as usize] |= ((1 << BLOCK_WIDTH) - 1) << x;
-            }
+    fn put(&self, looks: &[SlotLook], first: &Eight, block: u32, seen: u8, tile: &mut OpaqueTile) {
+        if seen == 0 {
             return;
         }
+        let (what, owners) = (first.what(), first.owners());
+        let of = |lane: usize| OpaqueSurface {
+            normal: self.model.surfaces[what[lane] as usize].normal.to_array(),
+            colour: looks[owners[lane] as usize].look.colour,
+        };
+        let some = seen.trailing_zeros() as usize;
+        // A triangle is of one leaf.
+        let others = (0..LANES).fold(0, |others, lane| others | u8::from(what[lane] != what[some]) << lane);
+        if others & seen == 0 {
+            // Most blocks show one triangle.
+            return tile.put_one(block, seen, of(some));
+        }
+        let mut pixels = OpaquePixels { normals: [[0.0; LANES]; 3], colours: [[0.0; LANES]; 3] };
         let mut rest = seen;
         while rest != 0 {
             let lane = rest.trailing_zeros() as usize;
             rest &= rest - 1;
-            let (x, y) = pixel_of(lane);
-            // A pixel that is wanted does not lie before the tile.
-            let (x, y) = (corner.0 + x - wanted.x0, corner.1 + y - wanted.y0);
-            let place = (y * TILE_SIDE + x) as usize;
-            let (normal, colour) = of(lane);
+            let OpaqueSurface { normal, colour } = of(lane);
             for axis in 0..3 {
-                tile.normals[axis][place] = normal[axis];
-                tile.colours[axis][place] = colour[axis];
+                pixels.normals[axis][lane] = normal[axis];
+                pixels.colours[axis][lane] = colour[axis];
             }
-            tile.covered[y as usize] |= 1 << x;
         }
+        tile.put_mixed(block, seen, pixels);
     }
 }
 

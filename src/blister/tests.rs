@@ -415,14 +415,13 @@ fn looks_taken_early_and_the_short_cut_show_the_head_of_all() {
             for (x, y) in (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y))) {
                 let (head, found) = (&all.at(x, y)[..all.at(x, y).len().min(1)], tile.at(x, y));
                 assert_eq!(found, head, "{count} leaves at {x},{y}");
-                let (column, row) = (x - rect.x0, y - rect.y0);
-                assert_eq!(short.covered[row as usize] >> column & 1 == 1, !head.is_empty());
-                let Some(head) = head.first() else { continue };
+                let seen = short.at(x, y);
+                assert_eq!(seen.is_some(), !head.is_empty());
+                let (Some(head), Some(seen)) = (head.first(), seen) else { continue };
                 covered += 1;
-                let place = (row * TILE_SIDE + column) as usize;
-                let normal = Vec3::from_array([0, 1, 2].map(|axis| short.normals[axis][place]));
+                let normal = Vec3::from_array(seen.normal);
                 assert!(normal == head.normal || normal == -head.normal);
-                assert_eq!([0, 1, 2].map(|channel| short.colours[channel][place]), head.colour);
+                assert_eq!(seen.colour, head.colour);
             }
         }
         covered_by_all += covered;

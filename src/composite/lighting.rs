@@ -9,6 +9,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x8};
 use glam::{DVec2, DVec3, Vec3};
 
+use crate::layers::opaque::{
+    BLOCK_AREA, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, OpaquePixels, OpaqueShown, OpaqueSurface, blocks_of,
+};
 use crate::layers::{Boundary, LayerTile, OpaqueTile, TILE_SIDE};
 use crate::scene::Light;
 use crate::space::{Camera, PixelRect, Projection};
@@ -286,42 +289,60 @@ impl<'a> Shader<'a> {
         rows: &mut Rows,
         background: [f32; 4],
     ) -> u64 {
-        const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-        let steps = f32x8::from_slice(simd, &STEPS);
+        const WIDTH: usize = BLOCK_WIDTH as usize;
+        const { assert!(BLOCK_AREA == LANES && LANES == 2 * WIDTH) };
+        let steps = [
+            f32x8::from_slice(simd, &[0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0]),
+            f32x8::from_slice(simd, &[0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]),
+        ];
+        let (tile_x, tile_y) = (rect.x0 / TILE_SIDE * TILE_SIDE, rect.y0 / TILE_SIDE * TILE_SIDE);
+        let [across, down] = blocks_of(rect);
         let mut count = 0;
-        for (row, pixels) in rows.iter_mut().enumerate() {
-            let covered = tile.covered[row];
+        for (block_y, block_x) in (down.0..=down.1).flat_map(|y| (across.0..=across.1).map(move |x| (y, x))) {
+            let (covered, shown) = tile.block(block_y * BLOCKS_ACROSS + block_x);
+            let corner = (tile_x + block_x * BLOCK_WIDTH, tile_y + block_y * BLOCK_HEIGHT);
+            // The block's pixels in the rectangle.
+            let columns = corner.0.max(rect.x0)..(corner.0 + BLOCK_WIDTH).min(rect.x1);
+            let places = (columns.start - rect.x0) as usize..(columns.end - rect.x0) as usize;
+            let lines = corner.1.max(rect.y0)..(corner.1 + BLOCK_HEIGHT).min(rect.y1);
+            if covered == 0 {
+                lines.for_each(|y| rows[(y - rect.y0) as usize][places.clone()].fill(background));
+                continue;
+            }
             count += u64::from(covered.count_ones());
-            for (number, pixels) in pixels.chunks_mut(LANES).enumerate() {
-                let covered = covered >> (number * LANES) & u64::from(u8::MAX);
-                if covered == 0 {
-                    pixels.fill(background);
-                    continue;
+            let (normal, colour) = match shown {
+                OpaqueShown::One(OpaqueSurface { normal: [x, y, z], colour: [r, g, b] }) => {
+                    let splat = |number: &f32| f32x8::splat(simd, *number);
+                    ([splat(x), splat(y), splat(z)], [splat(r), splat(g), splat(b)])
                 }
-                let column = number * LANES;
-                let place = row * TILE_SIDE as usize + column;
-                let [x, y] = self.centre_of(rect.x0 + column as u32, rect.y0 + row as u32);
-                let load = |plane: &[f32]| f32x8::from_slice(simd, &plane[place..place + LANES]);
-                let lit = self.lit_lanes(
-                    simd,
-                    [steps + x, f32x8::splat(simd, y)],
-                    [load(&tile.normals[0][..]), load(&tile.normals[1][..]), load(&tile.normals[2][..])],
-                    [load(&tile.colours[0][..]), load(&tile.colours[1][..]), load(&tile.colours[2][..])],
-                    f32x8::splat(simd, 1.0),
-                );
-                if covered == u64::from(u8::MAX)
-                    && let ([left, right], []) = pixels.as_flattened_mut().as_chunks_mut()
-                {
-                    let (lit, one) = (lit.map(|channel| channel.split()), f32x8::splat(simd, 1.0).split());
-                    simd.store_four_interleaved_f32x4([lit[0].0, lit[1].0, lit[2].0, one.0], left);
-                    simd.store_four_interleaved_f32x4([lit[0].1, lit[1].1, lit[2].1, one.1], right);
-                    continue;
+                OpaqueShown::Mixed(OpaquePixels { normals: [x, y, z], colours: [r, g, b] }) => {
+                    let load = |numbers: &[f32; LANES]| f32x8::from_slice(simd, numbers);
+                    ([load(x), load(y), load(z)], [load(r), load(g), load(b)])
                 }
-                let lit: [[f32; LANES]; 3] = lit.map(Into::into);
-                for (lane, pixel) in pixels.iter_mut().enumerate() {
-                    let is_covered = covered >> lane & 1 == 1;
-                    *pixel = if is_covered { [lit[0][lane], lit[1][lane], lit[2][lane], 1.0] } else { background };
+            };
+            let [x, y] = self.centre_of(corner.0, corner.1);
+            let one = f32x8::splat(simd, 1.0);
+            let [r, g, b] = self.lit_lanes(simd, [steps[0] + x, steps[1] + y], normal, colour, one);
+            let (r, g, b, one) = (r.split(), g.split(), b.split(), one.split());
+            let halves = [[r.0, g.0, b.0, one.0], [r.1, g.1, b.1, one.1]];
+            if covered == u8::MAX {
+                let top = (corner.1 - rect.y0) as usize;
+                for (line, lit) in halves.into_iter().enumerate() {
+                    let pixels = rows[top + line][places.clone()].as_flattened_mut();
+                    simd.store_four_interleaved_f32x4(lit, pixels.try_into().expect("all of the block's row"));
                 }
+                continue;
+            }
+            let mut lit = [[[0.0; 4]; WIDTH]; 2];
+            for (pixels, half) in lit.iter_mut().zip(halves) {
+                let pixels = pixels.as_flattened_mut().try_into().expect("a row of the block");
+                simd.store_four_interleaved_f32x4(half, pixels);
+            }
+            for (y, x) in lines.flat_map(|y| columns.clone().map(move |x| (y, x))) {
+                let (column, line) = ((x - corner.0) as usize, (y - corner.1) as usize);
+                let is_covered = covered >> (line * WIDTH + column) & 1 == 1;
+                let pixel = &mut rows[(y - rect.y0) as usize][(x - rect.x0) as usize];
+                *pixel = if is_covered { lit[line][column] } else { background };
             }
         }
         count
