@@ -275,24 +275,27 @@ impl MeshModel {
     }
 
     fn share_planes(&mut self) {
-        let mut uses = Vec::with_capacity(self.triangles.len());
-        for meshlet in &self.meshlets {
-            for triangle in meshlet.first..meshlet.first + meshlet.count {
-                let corners = self.triangles[triangle as usize].map(|v| self.position(v));
-                uses.push(PlaneUse::of_triangle(meshlet.leaf, corners));
-            }
-        }
-        // The flat faces of solids follow.
+        // By leaf: its first triangle.
+        let mut firsts: Vec<(u32, LeafId)> =
+            self.meshlets.iter().map(|meshlet| (meshlet.first, meshlet.leaf)).collect();
+        firsts.dedup_by_key(|(_, leaf)| *leaf);
+        let leaf_of = |triangle: u32| firsts[firsts.partition_point(|(first, _)| *first <= triangle) - 1].1;
+        // The flat faces of solids follow the triangles.
+        let mut of_solids = Vec::new();
         let mut faces = Vec::new();
         for (index, solid) in self.solids.iter().enumerate() {
             for (point, normal) in planes::flat_faces(&solid.solid) {
                 let normal_in_world = solid.world_from_normal * normal;
                 let point_in_world = solid.world_from_leaf.transform_point3(point);
-                uses.push(PlaneUse::of_face(solid.leaf, point_in_world, normal_in_world));
+                of_solids.push(PlaneUse::of_face(solid.leaf, point_in_world, normal_in_world));
                 faces.push((index, normal));
             }
         }
-        let (planes, mut plane_of) = planes::shared(&uses);
+        let triangles = self.triangles.len();
+        let (planes, mut plane_of) = planes::shared(triangles + of_solids.len(), |index| {
+            let Some(triangle) = self.triangles.get(index) else { return of_solids[index - triangles] };
+            PlaneUse::of_triangle(leaf_of(index as u32), triangle.map(|v| self.position(v)))
+        });
         let of_faces = plane_of.split_off(self.triangles.len());
         for ((index, normal), plane) in faces.into_iter().zip(of_faces) {
             if plane != NO_PLANE {
@@ -376,10 +379,16 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
         return Err(unusable(format!("triangle {t} points beyond the {count} vertices")));
     }
-    let centroids: Vec<DVec3> = (0..mesh.triangles.len()).map(|t| mesh.corners(t).iter().sum()).collect();
-    let mut order: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
-    let mut groups = Vec::new();
-    group(&mut order, &centroids, &mut groups);
+    // Centroids are kept relative to some point of the mesh, which may be far from the origin.
+    let origin = mesh.positions.first().copied().unwrap_or_default();
+    let mut order: Vec<Placed> = (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|t| {
+            let sum: DVec3 = mesh.corners(t).iter().map(|corner| corner - origin).sum();
+            Placed { centroid: (sum / 3.0).as_vec3(), triangle: t as u32 }
+        })
+        .collect();
+    let groups = group(&mut order);
 
     // Vertices in the order of their first use.
     const UNUSED: u32 = u32::MAX;
@@ -387,8 +396,8 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     let mut kept = Vec::with_capacity(count);
     let triangles: Vec<[u32; 3]> = order
         .iter()
-        .map(|&t| {
-            mesh.triangles[t as usize].map(|v| {
+        .map(|placed| {
+            mesh.triangles[placed.triangle as usize].map(|v| {
                 let number = &mut renumbered[v as usize];
                 if *number == UNUSED {
                     *number = kept.len() as u32;
@@ -405,25 +414,32 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     Ok(PlacedMesh { leaf: leaf.leaf, positions, colours, triangles, groups, is_closed })
 }
 
-/// Orders triangles by halving the longest side of their centroids' box until at most [`MESHLET`] are left, and tells the
+/// A triangle that is being put in order, with all that its order depends on: looked up elsewhere it would take thrice as long.
+#[derive(Clone, Copy)]
+struct Placed {
+    centroid: Vec3,
+    triangle: u32,
+}
+
+/// Orders triangles by halving the longest side of their centroids' box until at most [`MESHLET`] are left, and returns the
 /// sizes of the groups. All groups but the last of a half are full.
-fn group(order: &mut [u32], centroids: &[DVec3], groups: &mut Vec<u32>) {
+fn group(order: &mut [Placed]) -> Vec<u32> {
+    /// Halves with fewer triangles are not worth a thread of their own.
+    const FEW: usize = 1 << 14;
     if order.len() <= MESHLET {
-        if !order.is_empty() {
-            groups.push(order.len() as u32);
-        }
-        return;
+        return if order.is_empty() { Vec::new() } else { vec![order.len() as u32] };
     }
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &t in order.iter() {
-        (low, high) = (low.min(centroids[t as usize]), high.max(centroids[t as usize]));
-    }
+    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let (low, high) =
+        order.iter().fold(nothing, |(low, high), placed| (low.min(placed.centroid), high.max(placed.centroid)));
     let axis = (high - low).max_position();
     let middle = (order.len() / 2).next_multiple_of(MESHLET).min(order.len() - 1);
-    let by =
-        |a: &u32, b: &u32| centroids[*a as usize][axis].total_cmp(&centroids[*b as usize][axis]).then_with(|| a.cmp(b));
-    order.select_nth_unstable_by(middle, by);
+    order.select_nth_unstable_by(middle, |a, b| {
+        a.centroid[axis].total_cmp(&b.centroid[axis]).then_with(|| a.triangle.cmp(&b.triangle))
+    });
     let (first, second) = order.split_at_mut(middle);
-    group(first, centroids, groups);
-    group(second, centroids, groups);
+    let (mut groups, others) =
+        if first.len() < FEW { (group(first), group(second)) } else { rayon::join(|| group(first), || group(second)) };
+    groups.extend(others);
+    groups
 }
