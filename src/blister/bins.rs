@@ -82,11 +82,13 @@ impl Span {
 }
 
 impl Bins {
-    /// Bins the meshlets of `model`; `planes` are its shared ones over positions in pixels. `samples_apart`: whether pixels are sampled elsewhere than at their centres.
+    /// Bins `meshlets` of `model`, of which `vertices` are projected; `planes` are its shared ones over positions in pixels.
+    /// `samples_apart`: whether pixels are sampled elsewhere than at their centres.
     pub fn new(
         level: Level,
         view: &View,
         model: &MeshModel,
+        meshlets: &[u32],
         vertices: &[Snapped],
         planes: &[Key],
         samples_apart: bool,
@@ -95,15 +97,14 @@ impl Bins {
         let down = view.camera.height.div_ceil(TILE_SIDE);
         let picture = Picture::new(view, samples_apart);
         const A_TASK: usize = 64;
-        let binned: Vec<Vec<(u32, Entry)>> = (0..model.meshlets.len().div_ceil(A_TASK))
-            .into_par_iter()
-            .map(|task| {
+        let binned: Vec<Vec<(u32, Entry)>> = meshlets
+            .par_chunks(A_TASK)
+            .map(|meshlets| {
                 let mut out = Vec::new();
                 let mut scratch = BinScratch::default();
-                let meshlets = task * A_TASK..((task + 1) * A_TASK).min(model.meshlets.len());
                 fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
-                    for meshlet in meshlets {
-                        bin(simd, view, &picture, model, vertices, planes, meshlet, &mut scratch, &mut out);
+                    for &meshlet in meshlets {
+                        bin(simd, view, &picture, model, vertices, planes, meshlet as usize, &mut scratch, &mut out);
                     }
                 }));
                 out

@@ -26,6 +26,7 @@ use super::raster::{Grid, Key, Offsets};
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, Eight, SlotLook, Survivors};
 use super::ties::Judge;
+use super::visible;
 use super::write::Writer;
 use crate::csg::{Kept, LeafId, Shrunk};
 use crate::layers::opaque::{OpaquePixels, OpaqueSurface, blocks_of};
@@ -94,9 +95,10 @@ impl<'a> MeshFrame<'a> {
         let samples = samples.clamp(1, MAX_SAMPLES);
         let level = Level::new();
         let view = View::new(camera);
-        let vertices = project::vertices(level, &view, model);
+        let meshlets = visible::meshlets(&view, model);
+        let vertices = project::vertices(level, &view, model, &meshlets);
         let planes = project::planes(&view, &model.planes);
-        let bins = Bins::new(level, &view, model, &vertices, &planes, samples > 1);
+        let bins = Bins::new(level, &view, model, &meshlets, &vertices, &planes, samples > 1);
         let covers = model.solids.iter().map(|solid| solid.covers(&view)).collect();
         let outside = |look: &Option<Look>| {
             let around = look.as_ref().and_then(|look| look.closed_within);

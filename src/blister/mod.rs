@@ -1,8 +1,8 @@
 //! From meshes and analytic solids to the boundaries of the result at every pixel, without an intermediate mesh.
 //!
 //! ```text
-//! MeshModel ─► project ─► bins ─► one tile at a time:
-//!  (world)      (24.8)            the expression shrinks to the leaves present ─► raster, beyond, solids ─► fragments
+//! MeshModel ─► visible ─► project ─► bins ─► one tile at a time:
+//!  (world)                (24.8)            the expression shrinks to the leaves present ─► raster, beyond, solids ─► fragments
 //!                                                                                 peel: leaf bits toggled front to back
 //!                                                                                 ─► boundaries ─► LayerTile
 //! ```
@@ -17,7 +17,7 @@
 //! a peel differs from the expression after it, so back faces are layers too and coincident faces toggle
 //! together. There is no superset R: a tile that lacks a leaf knows that the leaf is a constant there.
 //!
-//! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `project` snaps
+//! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `visible` leaves out groups of triangles that no sample meets, `project` snaps
 //! vertices to the picture, `bins` sorts what is visible by tile; `setup` and `raster` draw the ordinary triangles, `beyond`
 //! those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they find, and
 //! `peel` and, of simple blocks, `few` find boundaries in it, with the rules of `ties`; `survivors` puts them in order and `write` fills them in.
@@ -39,6 +39,7 @@ mod survivors;
 #[cfg(test)]
 mod tests;
 mod ties;
+mod visible;
 mod write;
 
 pub use frame::MeshFrame;

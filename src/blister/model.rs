@@ -10,6 +10,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::planes::{self, NO_PLANE, Plane, PlaneUse};
+use super::visible::{self, Ball};
 use crate::csg::{Flat, LeafId, Tree};
 use crate::geometry::{Solid, TriMesh};
 use crate::scene::LeafKind;
@@ -103,6 +104,8 @@ pub(super) struct Meshlet {
     pub leaf: LeafId,
     /// Whether a triangle of it lies in a plane that leaves share.
     pub has_shared_planes: bool,
+    /// Holds it.
+    pub ball: Ball,
 }
 
 /// A triangle's plane in world space.
@@ -146,6 +149,8 @@ pub struct MeshModel {
     pub(super) surfaces: Arc<Vec<Surface>>,
     pub(super) planes: Arc<Vec<Plane>>,
     pub(super) meshlets: Vec<Meshlet>,
+    /// Around groups of meshlets.
+    pub(super) groups: Vec<Ball>,
     pub(super) solids: Vec<SolidLeaf>,
 }
 
@@ -199,6 +204,7 @@ impl MeshModel {
             surfaces: Arc::new(Vec::with_capacity(triangles)),
             planes: Arc::default(),
             meshlets: Vec::new(),
+            groups: Vec::new(),
             solids: Vec::new(),
         };
         for leaf in &given {
@@ -253,6 +259,7 @@ impl MeshModel {
         let is_used = |leaf: LeafId| self.flat.leaves().binary_search(&leaf).is_ok();
         self.meshlets.retain(|meshlet| is_used(meshlet.leaf));
         self.solids.retain(|solid| is_used(solid.leaf));
+        self.groups = visible::groups(&self.meshlets);
     }
 
     fn append(&mut self, mesh: PlacedMesh) {
@@ -261,8 +268,12 @@ impl MeshModel {
             positions.extend(mesh.positions.iter().map(|p| p[axis]));
         }
         let mut first = self.triangles.len() as u32;
+        let mut rest = &mesh.triangles[..];
         for count in mesh.groups {
-            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf, has_shared_planes: false });
+            let own;
+            (own, rest) = rest.split_at(count as usize);
+            let ball = Ball::around(own.as_flattened().iter().map(|v| mesh.positions[*v as usize]));
+            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf, has_shared_planes: false, ball });
             first += count;
         }
         let (triangles, surfaces) = (Arc::make_mut(&mut self.triangles), Arc::make_mut(&mut self.surfaces));

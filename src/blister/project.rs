@@ -9,6 +9,8 @@
 //! triangles go to [`beyond`](super::beyond). Keys come from the plane in world space, not from the snapped corners, so
 //! that snapping moves edges by 1/512 pixel and depth not at all.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use fearless_simd::{Level, Simd};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -27,6 +29,9 @@ pub(crate) const SUBPIXELS: i32 = 256;
 /// changes by at most 2·2^24 a pixel and by less than 2^31 over the 63 pixels of a tile.
 const LEAST_PX: f64 = -16_384.0;
 const MOST_PX: f64 = 49_152.0;
+
+/// Meshlets that are worth a task.
+const MESHLETS_A_TASK: usize = 64;
 
 /// A vertex on the picture: x and y in [`SUBPIXELS`], the bits of its key, and a [`place`].
 pub(super) type Snapped = [i32; 4];
@@ -124,6 +129,17 @@ impl View {
         if self.is_perspective { key > 0.0 } else { key < 0.0 }
     }
 
+    /// Where `across`, X or Y in view axes at depth `z`, lies on the picture, pixels from its middle.
+    #[inline(always)]
+    pub fn on_picture(&self, across: f64, z: f64) -> f64 {
+        if self.is_perspective { across * (self.scale / z) } else { across * self.scale }
+    }
+
+    /// The picture's middle, pixels.
+    pub fn middle(&self) -> DVec2 {
+        self.middle
+    }
+
     /// View axes' X and Y of picture position `px`: of the ray's direction, or of its origin.
     pub fn across(&self, px: DVec2) -> DVec2 {
         (px - self.middle) / self.scale
@@ -214,15 +230,36 @@ pub(super) fn planes(view: &View, planes: &[Plane]) -> Vec<Key> {
     planes.iter().map(on_picture).collect()
 }
 
-/// All vertices of `model` on the picture, in parallel.
-pub(super) fn vertices(level: Level, view: &View, model: &MeshModel) -> Vec<Snapped> {
-    const A_TASK: usize = 8192;
+/// The vertices of `meshlets` on the picture, in parallel, by their numbers among all of `model`'s; those of no such meshlet mean nothing.
+pub(super) fn vertices(level: Level, view: &View, model: &MeshModel, meshlets: &[u32]) -> Vec<Snapped> {
+    /// Vertices that are projected or left out together: most of a meshlet's follow each other.
+    const TOGETHER: usize = 256;
+    const A_TASK: usize = 32 * TOGETHER;
     let [xs, ys, zs] = model.positions.as_ref();
     let mut snapped = vec![[0; 4]; xs.len()];
+    // Step 1: which are asked for; where most are, it costs more to find out than it spares.
+    let all = 2 * meshlets.len() > model.meshlets.len();
+    let is_used: Vec<AtomicBool> = (0..xs.len().div_ceil(TOGETHER)).map(|_| AtomicBool::new(all)).collect();
+    if !all {
+        meshlets.par_iter().with_min_len(MESHLETS_A_TASK).for_each(|meshlet| {
+            let meshlet = &model.meshlets[*meshlet as usize];
+            let triangles = &model.triangles[meshlet.first as usize..(meshlet.first + meshlet.count) as usize];
+            for vertex in triangles.as_flattened() {
+                is_used[*vertex as usize / TOGETHER].store(true, Ordering::Relaxed);
+            }
+        });
+    }
+    // Step 2: those.
     snapped.par_chunks_mut(A_TASK).enumerate().for_each(|(task, out)| {
-        let range = task * A_TASK..task * A_TASK + out.len();
-        let positions = [&xs[range.clone()], &ys[range.clone()], &zs[range]];
-        fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || snap(view, positions, out)));
+        fearless_simd::dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+            for (number, out) in out.chunks_mut(TOGETHER).enumerate() {
+                let first = task * A_TASK + number * TOGETHER;
+                if is_used[first / TOGETHER].load(Ordering::Relaxed) {
+                    let range = first..first + out.len();
+                    snap(view, [&xs[range.clone()], &ys[range.clone()], &zs[range]], out);
+                }
+            }
+        }));
     });
     snapped
 }
