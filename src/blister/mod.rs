@@ -17,13 +17,13 @@
 //! a peel differs from the expression after it, so back faces are layers too and coincident faces toggle
 //! together. There is no superset R: a tile that lacks a leaf knows that the leaf is a constant there.
 //!
-//! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `visible` leaves out groups of triangles that lie aside,
-//! `project` snaps
-//! vertices to the picture, `bins` sorts what is visible by tile; `setup` and `raster` draw the ordinary triangles, `beyond`
-//! those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they find, and
-//! `peel` and, of simple blocks, `few` find boundaries in it, with the rules of `ties`; `survivors` puts them in order and `write` fills them in.
-//! [`frame`] is the [`LayerSource`](crate::layers::LayerSource). Fragments are always rasterised: casting rays through a hierarchy for
-//! each leaf was measured to win from some 40 triangles a pixel on, and to cost as much as a hundred frames before it does.
+//! *Practice.* [`model`] holds the scene in world space, `planes` the planes that leaves share; `visible` leaves out groups of
+//! triangles that lie aside, `project` snaps vertices to the picture, `bins` sorts what is visible by tile; `setup` and `raster` draw
+//! the ordinary triangles, `beyond` those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they
+//! find, and `peel` and, of simple blocks, `few` find boundaries in it, with the rules of `ties`; `survivors` puts them in order and
+//! `write` fills them in. [`frame`] is the [`LayerSource`](crate::layers::LayerSource). Fragments are always rasterised: casting rays
+//! through a hierarchy for each leaf was measured to win from some 40 triangles a pixel on, and to cost as much as a hundred frames
+//! before it does.
 
 mod beyond;
 mod bins;
