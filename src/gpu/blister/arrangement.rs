@@ -260,6 +260,8 @@ pub(super) struct Uploaded {
     pub frame: Frame,
     /// What its shaders are made for.
     pub traits: Traits,
+    /// About how many fragments a pixel of the picture has on average.
+    pub depth: f64,
 }
 
 /// What the shaders of a frame are made for: they have no code for what it has not, since lavapipe runs both sides of every branch.
@@ -299,6 +301,10 @@ struct Gathered {
     surfaces: Vec<Surface>,
     /// By slot.
     extents: Vec<Extent>,
+    /// The picture's, pixels.
+    size: Vec2,
+    /// What triangles cover of the picture, about, pixels.
+    covered: f64,
 }
 
 /// Where on the picture a slot is.
@@ -367,6 +373,7 @@ impl Arrangement for Gathered {
         }
         extent.triangles.end = surface + 1;
         corners.iter().for_each(|[x, y]| extent.take(*x, *y));
+        self.covered += covered(corners.map(Vec2::from), self.size);
         self.corners.extend(corners.map(|[x, y]| PlacedCorner { x, y, surface }));
     }
 
@@ -398,10 +405,11 @@ impl Uploaded {
         let mut gathered = Gathered {
             bits: slots.iter().map(fragment_bits).collect(),
             extents: vec![Extent::default(); slots.len()],
+            size: Vec2::new(camera.width as f32, camera.height as f32),
             ..Gathered::default()
         };
         frame.arrange(&expression, sample, rect, &mut gathered);
-        let Gathered { mut corners, fragments, surfaces, extents, .. } = gathered;
+        let Gathered { mut corners, fragments, surfaces, extents, covered, .. } = gathered;
         let size = [camera.width, camera.height];
         let pieces = has_tiles.then(|| Pieces::new(size, &corners, (rect, &fragments), &surfaces));
         let triangles = corners.len() as u32 / 3;
@@ -473,6 +481,8 @@ impl Uploaded {
                 ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
             },
             traits,
+            depth: covered / (f64::from(camera.width) * f64::from(camera.height))
+                + fragments.len() as f64 / rect.area() as f64,
         }))
     }
 
@@ -486,6 +496,15 @@ impl Uploaded {
     pub fn band(&self, rect: PixelRect) -> Frame {
         Frame { origin: [rect.x0, rect.y0], size: [rect.width(), rect.height()], ..self.frame }
     }
+}
+
+/// How many pixels of a picture of `size` a triangle covers, about: those of its part that its box has in the picture.
+fn covered([a, b, c]: [Vec2; 3], size: Vec2) -> f64 {
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let area = 0.5 * (b - a).perp_dot(c - a).abs();
+    let box_area = |low: Vec2, high: Vec2| (high - low).max(Vec2::ZERO).element_product();
+    let inside = box_area(low.max(Vec2::ZERO), high.min(size));
+    f64::from(area * (inside / box_area(low, high).max(f32::MIN_POSITIVE)).min(1.0))
 }
 
 fn step(step: &crate::csg::steps::Step) -> Step {

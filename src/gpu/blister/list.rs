@@ -4,8 +4,8 @@
 //! Where a pixel has one boundary at most, a first kernel holds the nearest fragments of its list in registers and goes through them
 //! until it is known what shows; pixels with long lists, ties that matter or sheets are few, and a second kernel takes them from a list
 //! of pixels. It sorts by the links alone, as is done for all pixels where they may have several boundaries. How many fragments there
-//! are has to be known to the CPU: one wait for each band, and another for how many boundaries. A list that was too
-//! short is made as long as it has to be, and the band is drawn again: nothing is lost.
+//! are has to be known to the CPU: one wait for each band, and another for how many boundaries. The first list is as long as the
+//! triangles' areas tell; one that was too short is made as long as it has to be, and the band is drawn again: nothing is lost.
 
 use super::arrangement::{Fragment, Uploaded};
 use super::draws::{KINDS, NO_COLOUR, pass, pipeline};
@@ -14,9 +14,6 @@ use super::{CUT_SHORT, shader};
 use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::space::PixelRect;
-
-/// Fragments that the first list has room for, for each pixel: enough for most pictures.
-const FIRST_FRAGMENTS_A_PIXEL: usize = 4;
 
 /// Fragments of a pixel that are looked through again and again for the nearest ones; where there are more they are sorted.
 pub(super) const MOST_WALKED: u32 = 64;
@@ -53,7 +50,8 @@ pub(super) fn listed<T>(
     then: impl Fn(&Lists) -> Result<T, GpuError>,
 ) -> Result<T, GpuError> {
     let of = ("fragments", std::mem::size_of::<Fragment>());
-    with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
+    let first = (uploaded.depth * rect.area() as f64) as usize;
+    with_room(gpu, &frame.length, of, first, |room| {
         let lists = Lists {
             length: gpu.storage::<u32>("length", 2)?,
             heads: gpu.storage::<u32>("heads", rect.area())?,
