@@ -82,7 +82,7 @@ gpu_struct! {
         gap: u32,
         /// Nothing.
         spare: [u32; 2],
-        /// `Step::word` of the first [`SHORT_STEPS`] steps.
+        /// `Step::word` of the first `SHORT_STEPS` steps.
         words: [u32; 4],
         /// Of these steps: `Step::mask`.
         masks: [u32; 4],
