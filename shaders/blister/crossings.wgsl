@@ -28,18 +28,11 @@ fn order_crossings(thread: Thread) {
     }
     var count = 0u;
     for (var node = head; node != 0u; node = nodes[node - 1u].next) {
-        let slot = nodes[node - 1u].slot;
-        if (slots[slot].flags & (SLOT_SHEET | SLOT_ENDLESS)) == 0u {
-            after[word_of(slot)] ^= bit_of(slot);
-        }
+        toggle_if_closed(nodes[node - 1u].slot);
         count++;
     }
     kept[pixel] = count;
-    for (var slot = 0u; frame.endless > 0u && slot < frame.slots; slot++) {
-        if is_endless(slot) && begins_inside(slot, at) {
-            after[word_of(slot)] |= bit_of(slot);
-        }
-    }
+    begin_endless(pixel);
     for (var word = 0u; word < frame.begins_words; word++) {
         begins[pixel * frame.begins_words + word] = 0u;
     }
@@ -50,8 +43,8 @@ fn order_crossings(thread: Thread) {
         }
     }
     for (var node = head; node != 0u; node = nodes[node - 1u].next) {
-        let slot = nodes[node - 1u].slot;
-        after[word_of(slot)] ^= bit_of(slot);
+        let slot = slot_of_node(node);
+        toggle_after(slot);
         var enters = is_in_after(slot);
         if is_endless(slot) {
             enters = dot(surfaces[nodes[node - 1u].surface].normal, dir_at(at)) < 0.0;

@@ -30,7 +30,36 @@ fn next_step(at: u32, inside: u32) -> u32 {
     return select(step.open, step.decided, decides);
 }
 
+// Where a walk of a few steps ends, given the memberships of each step's word.
+fn is_inside_by_few(inside: vec4<u32>) -> bool {
+    let holds = (inside ^ frame.negated) & frame.masks;
+    let decides = select(holds != vec4<u32>(0u), holds != frame.masks, frame.are_ands != vec4<u32>(0u));
+    let next = select(frame.open, frame.decided, decides);
+    var at = next.x;
+    if STEPS > 1u {
+        at = select(at, next.y, at == 1u);
+        at = select(at, next.z, at == 2u);
+        at = select(at, next.w, at == 3u);
+    }
+    return at == STEP_INSIDE;
+}
+
+fn few_before() -> vec4<u32> {
+    return vec4<u32>(before[frame.words.x], before[frame.words.y], before[frame.words.z], before[frame.words.w]);
+}
+
+fn few_after() -> vec4<u32> {
+    return vec4<u32>(after[frame.words.x], after[frame.words.y], after[frame.words.z], after[frame.words.w]);
+}
+
+fn few_gone() -> vec4<u32> {
+    return vec4<u32>(gone[frame.words.x], gone[frame.words.y], gone[frame.words.z], gone[frame.words.w]);
+}
+
 fn eval_before() -> bool {
+    if STEPS > 0u {
+        return is_inside_by_few(few_before());
+    }
     var at = 0u;
     while at < STEP_OUTSIDE {
         at = next_step(at, before[steps[at].word]);
@@ -39,6 +68,9 @@ fn eval_before() -> bool {
 }
 
 fn eval_after() -> bool {
+    if STEPS > 0u {
+        return is_inside_by_few(few_after());
+    }
     var at = 0u;
     while at < STEP_OUTSIDE {
         at = next_step(at, after[steps[at].word]);
@@ -48,6 +80,9 @@ fn eval_after() -> bool {
 
 // With the memberships after the peel or before it, less what is gone.
 fn eval_without(is_after: bool) -> bool {
+    if STEPS > 0u {
+        return is_inside_by_few(select(few_before(), few_after(), is_after) & ~(few_gone() & ~frame.negated));
+    }
     var at = 0u;
     while at < STEP_OUTSIDE {
         let step = steps[at];

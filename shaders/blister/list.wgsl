@@ -10,11 +10,11 @@
 @fragment
 fn list_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
     let at = vec2<u32>(drawn.position.xy);
-    // More than a buffer ever holds is not counted further: the number would begin anew.
-    if atomicLoad(&length[0]) >= MOST_COUNTED {
-        return vec4<f32>(0.0);
-    }
     let place = atomicAdd(&length[0], 1u);
+    // More than a buffer ever holds is not counted: the number would begin anew.
+    if place >= MOST_COUNTED {
+        atomicSub(&length[0], 1u);
+    }
     if place < arrayLength(&nodes) {
         let before = atomicExchange(&heads[at.y * frame.size.x + at.x], place + 1u);
         nodes[place] = Fragment(key_of_drawn(drawn, at), drawn.surface, drawn.slot, before);

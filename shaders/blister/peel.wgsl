@@ -49,7 +49,7 @@ fn bound_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
     let at = vec2<u32>(drawn.position.xy);
     let pixel = at.y * frame.size.x + at.x;
     let order = order_of(key_of_drawn(drawn, at));
-    if (slots[drawn.slot].flags & SLOT_IN_SUPERSET) == 0u {
+    if (slots[slot_of_drawn(drawn)].flags & SLOT_IN_SUPERSET) == 0u {
         return vec4<f32>(0.0);
     }
     atomicMax(&states[2u * pixel], order);
@@ -80,7 +80,7 @@ struct Peeled {
 
 // Notes the surface of the boundary that the last layer had.
 fn note_surface(pixel: u32, order: u32, drawn: Drawn) {
-    if order == pixels[pixel].kept_order && drawn.slot == pixels[pixel].kept_owner {
+    if order == pixels[pixel].kept_order && slot_of_drawn(drawn) == pixels[pixel].kept_owner {
         atomicMin(&kept_surfaces[pixels[pixel].kept_place], drawn.surface);
     }
 }
@@ -117,7 +117,7 @@ fn running_fragment(drawn: Drawn) -> Peeled {
         discard;
     }
     if order == pixels[pixel].front {
-        note_toggle(pixel, drawn.slot, drawn.surface);
+        note_toggle(pixel, slot_of_drawn(drawn), drawn.surface);
         discard;
     }
     return Peeled(bitcast<f32>(order), vec4<f32>(0.0));
@@ -132,9 +132,9 @@ fn first_fragment(drawn: Drawn) -> Peeled {
     if pixels[pixel].is_done != 0u {
         discard;
     }
-    note_parity(pixel, drawn.slot, order);
+    note_parity(pixel, slot_of_drawn(drawn), order);
     if order == pixels[pixel].front {
-        note_toggle(pixel, drawn.slot, drawn.surface);
+        note_toggle(pixel, slot_of_drawn(drawn), drawn.surface);
     }
     if order >= pixels[pixel].front {
         discard;
@@ -166,10 +166,10 @@ fn parity_fragment(drawn: Drawn) -> @location(0) vec4<f32> {
     let order = order_of(key_of_drawn(drawn, at));
     // Inside a product every leaf is where the product wants it: no need to count (Blueprint, Nienhaus et al. 2006, section 4.4).
     if pixels[pixel].is_known == 0u {
-        note_parity(pixel, drawn.slot, order);
+        note_parity(pixel, slot_of_drawn(drawn), order);
     }
     if order == pixels[pixel].front {
-        note_toggle(pixel, drawn.slot, drawn.surface);
+        note_toggle(pixel, slot_of_drawn(drawn), drawn.surface);
     }
     return vec4<f32>(0.0);
 }

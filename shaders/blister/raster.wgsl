@@ -10,6 +10,7 @@ struct Corner {
 struct Drawn {
     @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat) surface: u32,
+    // With FRAGMENT_…
     @location(1) @interpolate(flat) slot: u32,
     @location(2) @interpolate(flat) key: vec3<f32>,
     @location(3) @interpolate(flat) anchor: vec2<f32>,
@@ -22,6 +23,10 @@ fn raster_vertex(corner: Corner) -> Drawn {
     let position = vec4<f32>(across.x - 1.0, 1.0 - across.y, 0.0, 1.0);
     let surface = surfaces[corner.surface];
     return Drawn(position, corner.surface, surface.slot, surface.key, surface.anchor, surface.range);
+}
+
+fn slot_of_drawn(drawn: Drawn) -> u32 {
+    return drawn.slot & SLOT_NUMBER;
 }
 
 fn key_of_drawn(drawn: Drawn, pixel: vec2<u32>) -> f32 {

@@ -9,6 +9,10 @@
 // Of triangles, three each.
 @group(0) @binding(12) var<storage, read> corners: array<PlacedCorner>;
 
+fn slot_of_surface(surface: u32) -> u32 {
+    return surfaces[surface].slot & SLOT_NUMBER;
+}
+
 fn linear_from_srgb(channel: f32) -> f32 {
     return select(pow((channel + 0.055) / 1.055, 2.4), channel / 12.92, channel <= 0.04045);
 }
@@ -33,7 +37,7 @@ fn mixed_colour(surface: u32, at: vec2<u32>) -> vec3<f32> {
     }
     let sum = weights.x + weights.y + weights.z;
     if !(abs(sum) > 0.0) {
-        return slots[surfaces[surface].slot].colour;
+        return slots[slot_of_surface(surface)].colour;
     }
     weights = max(weights / sum, vec3<f32>(0.0));
     let colours = surfaces[surface].colour;
@@ -41,14 +45,16 @@ fn mixed_colour(surface: u32, at: vec2<u32>) -> vec3<f32> {
 }
 
 fn colour_of(surface: u32, at: vec2<u32>) -> vec3<f32> {
-    let flags = surfaces[surface].flags;
-    if (flags & SURFACE_OWN_COLOUR) != 0u {
-        return bitcast<vec3<f32>>(surfaces[surface].colour);
+    if HAS_COLOURS != 0u {
+        let flags = surfaces[surface].flags;
+        if (flags & SURFACE_OWN_COLOUR) != 0u {
+            return bitcast<vec3<f32>>(surfaces[surface].colour);
+        }
+        if (flags & SURFACE_CORNER_COLOURS) != 0u {
+            return mixed_colour(surface, at);
+        }
     }
-    if (flags & SURFACE_CORNER_COLOURS) != 0u {
-        return mixed_colour(surface, at);
-    }
-    return slots[surfaces[surface].slot].colour;
+    return slots[slot_of_surface(surface)].colour;
 }
 
 fn depth_of(key: f32) -> f32 {
@@ -58,7 +64,7 @@ fn depth_of(key: f32) -> f32 {
 fn write_record(place: u32, at: vec2<u32>, survivor: Survivor) {
     let whole = vec2<f32>(at + frame.origin);
     let dir = frame.first_dir + frame.dir_across * whole.x + frame.dir_down * whole.y;
-    let slot = surfaces[survivor.surface].slot;
+    let slot = slot_of_surface(survivor.surface);
     let is_front = survivor.is_front != 0u;
     let normal = surfaces[survivor.surface].normal;
     // Outward from the result: against the ray where it is entered, along it where it is left.

@@ -8,7 +8,7 @@
 @group(0) @binding(6) var<storage, read_write> facets: array<Facet>;
 
 fn is_central(mask: u32) -> bool {
-    return view.samples == 1u || (mask >> view.central_sample & 1u) == 1u;
+    return (view.samples == 1u) | ((mask >> view.central_sample & 1u) == 1u);
 }
 
 // How many facets each pixel has.

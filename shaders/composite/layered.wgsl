@@ -17,10 +17,8 @@ fn light_surfaces(thread: Thread) {
     let at = part_pixel(number);
     let place = in_band(at);
     for (var i = offsets[place]; i < offsets[place + 1u]; i++) {
-        var colour = look.ink;
-        if look.tints == 0u {
-            colour = lit(at, records[i].normal, records[i].colour, 1.0);
-        }
+        // No branch: lavapipe compiles a loop anew at every dispatch where a uniform alone decides a branch in it.
+        let colour = select(look.ink, lit(at, records[i].normal, records[i].colour, 1.0), look.tints == 0u);
         surfaces[i] = vec4<f32>(colour, clamp(records[i].opacity, 0.0, 1.0));
     }
 }

@@ -48,15 +48,14 @@ fn count_kept(thread: Thread) {
 fn recoloured(was: LayerRecord) -> LayerRecord {
     var record = was;
     record.opacity *= changes.opacity;
-    if record.leaf != record.body {
-        if changes.cut == CUT_SET {
-            record.colour = changes.cut_colour;
-        } else if changes.cut == CUT_LEAF && record.body < arrayLength(&leaves) {
-            if (leaves[record.body].known & KNOWS_COLOUR) != 0u {
-                record.colour = leaves[record.body].colour;
-            }
+    // No branch by a uniform alone: see `px_per_unit_at`.
+    let is_cut = record.leaf != record.body;
+    if is_cut & (changes.cut == CUT_LEAF) & (record.body < arrayLength(&leaves)) {
+        if (leaves[record.body].known & KNOWS_COLOUR) != 0u {
+            record.colour = leaves[record.body].colour;
         }
     }
+    record.colour = select(record.colour, changes.cut_colour, is_cut & (changes.cut == CUT_SET));
     return record;
 }
 

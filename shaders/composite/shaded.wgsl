@@ -4,7 +4,8 @@
 @group(0) @binding(2) var<storage, read> records: array<LayerRecord>;
 @group(0) @binding(3) var<uniform> look: Paints;
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> covered: atomic<u32>;
+// By row of the part: how many of its pixels show a surface.
+@group(0) @binding(5) var<storage, read_write> covered: array<atomic<u32>>;
 
 // `base` to a power of two, by squaring.
 fn power(base: f32, exponent: u32) -> f32 {
@@ -47,7 +48,34 @@ fn over(light: vec3<f32>, through: f32) -> vec4<f32> {
     return vec4<f32>((light + behind * look.background.rgb) / alpha, alpha);
 }
 
-// One pixel of the plain style: the mean over its samples, each blended front to back.
+// One pixel of the plain style with one sample: blended front to back.
+@compute @workgroup_size(WORKGROUP)
+fn blend_single(thread: Thread) {
+    let number = thread_number(thread);
+    if number >= part_area() {
+        return;
+    }
+    let at = part_pixel(number);
+    let place = in_band(at);
+    let first = offsets[place];
+    let end = offsets[place + 1u];
+    if first == end {
+        pixels[number] = look.background;
+        return;
+    }
+    atomicAdd(&covered[at.y - view.part.y], 1u);
+    var through = 1.0;
+    var light = vec3<f32>(0.0);
+    for (var i = first; i < end && through > 0.0; i++) {
+        let opacity = clamp(records[i].opacity, 0.0, 1.0);
+        light += through * opacity * lit(at, records[i].normal, records[i].colour, 1.0);
+        through *= 1.0 - opacity;
+    }
+    pixels[number] = over(light, through);
+}
+
+// One pixel of the plain style: the mean over its samples, each blended front to back. Loops over samples have as many turns as there
+// can be: lavapipe compiles a kernel anew at every dispatch where a uniform says how many.
 @compute @workgroup_size(WORKGROUP)
 fn blend(thread: Thread) {
     let number = thread_number(thread);
@@ -61,9 +89,10 @@ fn blend(thread: Thread) {
         pixels[number] = look.background;
         return;
     }
+    atomicAdd(&covered[at.y - view.part.y], 1u);
     var transmitted: array<f32, MAX_SAMPLES>;
-    for (var sample = 0u; sample < view.samples; sample++) {
-        transmitted[sample] = 1.0;
+    for (var sample = 0u; sample < MAX_SAMPLES; sample++) {
+        transmitted[sample] = select(0.0, 1.0, sample < view.samples);
     }
     // Samples that still let light through.
     var open = (1u << view.samples) - 1u;
@@ -87,27 +116,23 @@ fn blend(thread: Thread) {
         light += weight * lit(at, records[i].normal, records[i].colour, 1.0);
     }
     var through = 0.0;
-    for (var sample = 0u; sample < view.samples; sample++) {
+    for (var sample = 0u; sample < MAX_SAMPLES; sample++) {
         through += transmitted[sample];
     }
     let count = f32(view.samples);
     pixels[number] = over(light / count, through / count);
 }
 
-var<workgroup> covered_here: atomic<u32>;
-
-// How many pixels of the part show a surface.
+// How many pixels of each row show a surface, where `blend` does not count them.
 @compute @workgroup_size(WORKGROUP)
 fn count_covered(thread: Thread) {
     let number = thread_number(thread);
-    if number < part_area() {
-        let place = in_band(part_pixel(number));
-        if offsets[place] < offsets[place + 1u] {
-            atomicAdd(&covered_here, 1u);
-        }
+    if number >= part_area() {
+        return;
     }
-    workgroupBarrier();
-    if thread.local == 0u {
-        atomicAdd(&covered, atomicLoad(&covered_here));
+    let at = part_pixel(number);
+    let place = in_band(at);
+    if offsets[place] < offsets[place + 1u] {
+        atomicAdd(&covered[at.y - view.part.y], 1u);
     }
 }

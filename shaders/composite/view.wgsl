@@ -25,10 +25,8 @@ fn ray_at(at: vec2<u32>) -> vec3<f32> {
 
 // Pixels to a world unit at `depth`.
 fn px_per_unit_at(depth: f32) -> f32 {
-    if view.is_perspective != 0u {
-        return view.px_per_unit / depth;
-    }
-    return view.px_per_unit;
+    // No branch: lavapipe compiles a loop anew at every dispatch where a uniform alone decides a branch in it.
+    return select(view.px_per_unit, view.px_per_unit / depth, view.is_perspective != 0u);
 }
 
 // How many footprints deeper the plane with this normal is one pixel to the right of where the ray meets it, and one down.

@@ -10,7 +10,7 @@ use crate::space::PixelRect;
 const LEAST_BYTES: u64 = 16;
 
 /// The most workgroups in one dimension of a dispatch, of what WebGPU promises (65 535): a power of two.
-const GROUPS_ACROSS: u32 = 1 << 15;
+pub(super) const MOST_GROUPS: u32 = 1 << 15;
 
 impl Gpu {
     /// A storage buffer of zeros for `count` of `T`, one at least, which kernels, copies and draws can use.
@@ -160,7 +160,7 @@ impl Gpu {
 
 /// At least `groups` workgroups, across and down.
 pub(super) fn grid(groups: usize) -> [u32; 2] {
-    let across = groups.clamp(1, GROUPS_ACROSS as usize);
+    let across = groups.clamp(1, MOST_GROUPS as usize);
     [across as u32, groups.div_ceil(across) as u32]
 }
 

@@ -8,7 +8,7 @@ use super::shader::{Shader, WORKGROUP};
 use crate::gpu_struct;
 
 /// Numbers that a thread sums by itself: longer means fewer barriers, shorter fewer idle threads at the end.
-const NUMBERS_A_THREAD: u32 = 8;
+const NUMBERS_A_THREAD: u32 = 32;
 
 /// Numbers of a workgroup.
 const NUMBERS_A_GROUP: usize = (NUMBERS_A_THREAD * WORKGROUP) as usize;

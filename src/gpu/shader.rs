@@ -3,6 +3,7 @@
 //! *Practice.* Every shader that the crate can make is in [`all`], so that one test lets naga check every entry point without a
 //! GPU. A file under `shaders/` has the name of the stage whose twin it is.
 
+use super::blister::Traits;
 use super::layout::GpuStruct;
 
 /// One module of WGSL.
@@ -49,8 +50,9 @@ pub const WORKGROUP: u32 = 64;
 /// Every module, as [`Gpu`](super::Gpu) may be asked to compile it.
 pub fn all() -> Vec<Shader> {
     let mut all = vec![super::scan::shader(), super::merged::shader()];
-    // One word, and more than one.
-    all.extend([1, 5].map(super::blister::shader));
+    // One word, and more than one; steps in memory, and in registers.
+    all.extend([1, 5].map(|words| super::blister::shader(Traits::general(words))));
+    all.extend([1, 4].map(|steps| super::blister::shader(Traits::simple(steps))));
     all.extend(super::composite::shaders());
     all.extend(super::splat::all());
     all

@@ -27,6 +27,10 @@ pub const TESTS: &[Test] = &[
     ("layers_that_end_a_product_need_no_test", layers_that_end_a_product_need_no_test),
     ("a_list_that_is_too_short_grows", a_list_that_is_too_short_grows),
     ("two_hundred_layers_at_a_pixel_are_all_there", two_hundred_layers_at_a_pixel_are_all_there),
+    (
+        "the_nearest_surface_is_found_behind_any_number_of_layers",
+        the_nearest_surface_is_found_behind_any_number_of_layers,
+    ),
     ("no_fragment_of_twenty_million_is_lost", no_fragment_of_twenty_million_is_lost),
     ("a_result_without_a_surface_is_empty", a_result_without_a_surface_is_empty),
     ("an_eye_inside_a_solid_sees_it_from_within", an_eye_inside_a_solid_sees_it_from_within),
@@ -214,6 +218,42 @@ fn two_hundred_layers_at_a_pixel_are_all_there(gpu: &'static Gpu) {
         let frame = MeshFrame::new(&model, camera.clone(), LayerLimit::All, 1);
         let frame = GpuMeshFrame::new(frame, classifier).with_first_length(1);
         assert_all_plates(classifier.name(), &drawn(gpu, &frame), 100, 8);
+    }
+}
+
+/// Plates of which a block takes away all but the last, down to within it, flush with it, or less far; and a sheet before a part of
+/// the picture.
+fn the_nearest_surface_is_found_behind_any_number_of_layers(gpu: &'static Gpu) {
+    let solid = |low: f64, high: f64, half_side: f64| {
+        let min = DVec3::new(-half_side, -half_side, low);
+        Solid::Box { min, max: DVec3::new(half_side, half_side, high) }
+    };
+    for count in [2, 4, 5, 20, 40, 100] {
+        let last = -f64::from(count - 1);
+        for below in [0.25, 0.0, -0.25, -0.5] {
+            for has_sheet in [false, true] {
+                let plate = |number: u32| leaf(number, solid(-f64::from(number) - 0.5, -f64::from(number), 9.0));
+                let mut leaves: Vec<MeshLeaf> = (0..count).map(plate).collect();
+                leaves.push(leaf(count, solid(last + below, 1.0, 9.0)));
+                let mut tree = TreeBuilder::default();
+                tree.leaf(LeafId(0));
+                (1..count).for_each(|number| {
+                    tree.leaf(LeafId(number)).or();
+                });
+                tree.leaf(LeafId(count)).minus();
+                if has_sheet {
+                    let sheet = leaf(count + 1, solid(last / 2.0 + 0.1, last / 2.0 + 0.2, 1.0));
+                    leaves.push(MeshLeaf { kind: LeafKind::Sheet, ..sheet });
+                    tree.leaf(LeafId(count + 1)).or();
+                }
+                let model = MeshModel::new(&leaves, &tree.finish().unwrap()).unwrap();
+                let frame = || MeshFrame::new(&model, down(32), LayerLimit::Nearest, 1);
+                let cpu = LayerStack::collect(&frame());
+                let (wrong, all) = differing(&cpu, &drawn(gpu, &GpuMeshFrame::new(frame(), Classifier::List)));
+                let what = format!("{count} plates, cut {below} above the last, with a sheet: {has_sheet}");
+                assert!(wrong == 0 && all >= if below > -0.5 { 32 * 32 } else { 0 }, "{what}: {wrong} of {all}");
+            }
+        }
     }
 }
 

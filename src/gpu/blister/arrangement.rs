@@ -11,7 +11,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::gpu_struct;
 use crate::space::{Camera, PixelRect};
 
-/// Bits of `Slot::flags` and `Surface::flags`.
+/// Bits of `Slot::flags` and `Surface::flags`, and those beside a slot's number.
 pub(super) mod flags {
     /// Never in or out.
     pub const SLOT_SHEET: u32 = 1;
@@ -23,6 +23,16 @@ pub(super) mod flags {
     pub const SLOT_IN_SUPERSET: u32 = 4;
     /// Beside a slot's number: the result is entered, or the slot's leaf.
     pub const BOUNDARY_FRONT: u32 = 1 << 31;
+    /// As `SURFACE_HIDDEN`, beside the slot's number of a surface and its fragments.
+    pub const FRAGMENT_HIDDEN: u32 = 1 << 31;
+    /// As `SLOT_SHEET`, there.
+    pub const FRAGMENT_SHEET: u32 = 1 << 30;
+    /// As `SLOT_ENDLESS`, there.
+    pub const FRAGMENT_ENDLESS: u32 = 1 << 29;
+    /// Nothing shows through, there.
+    pub const FRAGMENT_OPAQUE: u32 = 1 << 28;
+    /// The bits of the number itself.
+    pub const SLOT_NUMBER: u32 = FRAGMENT_OPAQUE - 1;
     /// Boundaries on it do not show.
     pub const SURFACE_HIDDEN: u32 = 1;
     /// `colour` has the bits of linear RGB.
@@ -72,8 +82,23 @@ gpu_struct! {
         gap: u32,
         /// Nothing.
         spare: [u32; 2],
+        /// `Step::word` of the first `SHORT_STEPS` steps.
+        words: [u32; 4],
+        /// Of these steps: `Step::mask`.
+        masks: [u32; 4],
+        /// `Step::negated`.
+        negated: [u32; 4],
+        /// `Step::is_and`.
+        are_ands: [u32; 4],
+        /// `Step::decided`.
+        decided: [u32; 4],
+        /// `Step::open`.
+        open: [u32; 4],
     }
 }
+
+/// Steps that shaders know without a look into memory.
+const SHORT_STEPS: usize = 4;
 
 gpu_struct! {
     /// A [`csg::steps::Step`](crate::csg::steps::Step).
@@ -118,7 +143,7 @@ gpu_struct! {
     pub struct Surface {
         /// The key's change to the right and down, and its value at the anchor.
         key: [f32; 3],
-        /// The leaf.
+        /// The leaf, with `FRAGMENT_…`
         slot: u32,
         /// A whole pixel of the picture.
         anchor: [f32; 2],
@@ -154,7 +179,7 @@ gpu_struct! {
         key: f32,
         /// What it is of.
         surface: u32,
-        /// Its leaf. Of a boundary, whose material is behind, with `BOUNDARY_FRONT` where the result is entered.
+        /// Its leaf, with `FRAGMENT_…` Of a boundary, whose material is behind, with `BOUNDARY_FRONT` where the result is entered.
         slot: u32,
         /// The next of the pixel, plus one; 0 at the end.
         next: u32,
@@ -233,18 +258,53 @@ pub(super) struct Uploaded {
     pub tiles: Option<[wgpu::Buffer; 2]>,
     /// What every band of it has in common.
     pub frame: Frame,
+    /// What its shaders are made for.
+    pub traits: Traits,
+    /// About how many fragments a pixel of the picture has on average.
+    pub depth: f64,
+}
+
+/// What the shaders of a frame are made for: they have no code for what it has not, since lavapipe runs both sides of every branch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::gpu) struct Traits {
     /// Words of a state.
     pub words: u32,
+    /// 1 where the expression is one step, [`SHORT_STEPS`] where it has a few, 0 where it has more.
+    pub steps: u32,
+    /// Whether there are sheets.
+    pub has_sheets: bool,
+    /// Whether there are half-spaces.
+    pub has_endless: bool,
+    /// Whether there are surfaces that have not their leaf's colour.
+    pub has_colours: bool,
+}
+
+impl Traits {
+    /// For states of so many words, with code for all that there can be.
+    pub const fn general(words: u32) -> Self {
+        Self { words, steps: 0, has_sheets: true, has_endless: true, has_colours: true }
+    }
+
+    /// For so many steps over few closed solids of one colour each.
+    pub const fn simple(steps: u32) -> Self {
+        Self { words: 1, steps, has_sheets: false, has_endless: false, has_colours: false }
+    }
 }
 
 /// Gathers what is drawn.
 #[derive(Default)]
 struct Gathered {
+    /// By slot: `FRAGMENT_…`
+    bits: Vec<u32>,
     corners: Vec<PlacedCorner>,
     fragments: Vec<PlacedCorner>,
     surfaces: Vec<Surface>,
     /// By slot.
     extents: Vec<Extent>,
+    /// The picture's, pixels.
+    size: Vec2,
+    /// What triangles cover of the picture, about, pixels.
+    covered: f64,
 }
 
 /// Where on the picture a slot is.
@@ -290,7 +350,9 @@ impl Gathered {
         }
         self.surfaces.push(Surface {
             key: surface.key,
-            slot: surface.slot,
+            slot: surface.slot
+                | self.bits[surface.slot as usize]
+                | if surface.is_drawn { 0 } else { flags::FRAGMENT_HIDDEN },
             anchor: surface.anchor,
             range: surface.range,
             normal: surface.normal.to_array(),
@@ -311,6 +373,7 @@ impl Arrangement for Gathered {
         }
         extent.triangles.end = surface + 1;
         corners.iter().for_each(|[x, y]| extent.take(*x, *y));
+        self.covered += covered(corners.map(Vec2::from), self.size);
         self.corners.extend(corners.map(|[x, y]| PlacedCorner { x, y, surface }));
     }
 
@@ -319,7 +382,7 @@ impl Arrangement for Gathered {
     }
 
     fn fragment(&mut self, x: u32, y: u32, surface: u32) {
-        self.extents[self.surfaces[surface as usize].slot as usize].take(x as f32, y as f32);
+        self.extents[(self.surfaces[surface as usize].slot & flags::SLOT_NUMBER) as usize].take(x as f32, y as f32);
         self.fragments.push(PlacedCorner { x: x as f32 + 0.5, y: y as f32 + 0.5, surface });
     }
 }
@@ -338,10 +401,15 @@ impl Uploaded {
     ) -> Result<Option<Self>, GpuError> {
         let Arranged { expression, slots, is_nearest } = frame.arranged(sample);
         let Some(expression) = expression else { return Ok(None) };
-        let mut gathered = Gathered { extents: vec![Extent::default(); slots.len()], ..Gathered::default() };
-        frame.arrange(&expression, sample, rect, &mut gathered);
-        let Gathered { mut corners, fragments, surfaces, extents } = gathered;
         let camera = frame.camera_of();
+        let mut gathered = Gathered {
+            bits: slots.iter().map(fragment_bits).collect(),
+            extents: vec![Extent::default(); slots.len()],
+            size: Vec2::new(camera.width as f32, camera.height as f32),
+            ..Gathered::default()
+        };
+        frame.arrange(&expression, sample, rect, &mut gathered);
+        let Gathered { mut corners, fragments, surfaces, extents, covered, .. } = gathered;
         let size = [camera.width, camera.height];
         let pieces = has_tiles.then(|| Pieces::new(size, &corners, (rect, &fragments), &surfaces));
         let triangles = corners.len() as u32 / 3;
@@ -371,6 +439,20 @@ impl Uploaded {
             Ok([gpu.upload("places", &places)?, gpu.upload("pieces", &pieces.pieces)?])
         };
         let samples = if frame.sample_count() == 1 { 1 } else { 1 << sample };
+        const HAVE_COLOURS: u32 = flags::SURFACE_OWN_COLOUR | flags::SURFACE_CORNER_COLOURS;
+        let is_single = is_nearest && slots.iter().all(|slot| slot.opacity >= 1.0);
+        let traits = Traits {
+            words: expression.words() as u32,
+            steps: match steps.len() {
+                1 => 1,
+                2..=SHORT_STEPS => SHORT_STEPS as u32,
+                _ => 0,
+            },
+            has_sheets: slots.iter().any(|slot| slot.is_sheet),
+            has_endless: endless > 0,
+            has_colours: surfaces.iter().any(|surface| surface.flags & HAVE_COLOURS != 0),
+        };
+        let of_steps = |part: fn(&Step) -> u32| std::array::from_fn(|number| steps.get(number).map_or(0, part));
         Ok(Some(Self {
             corners: gpu.upload("corners", &corners)?,
             triangles,
@@ -385,14 +467,22 @@ impl Uploaded {
                 is_nearest: u32::from(is_nearest),
                 endless: endless as u32,
                 slots: looks.len() as u32,
-                is_single: u32::from(is_nearest && slots.iter().all(|slot| slot.opacity >= 1.0)),
+                is_single: u32::from(is_single),
                 tiles_across: pieces.as_ref().map_or(0, |pieces| pieces.tiles_across),
                 single_offsets,
                 singles,
                 is_product: u32::from(expression.is_product()),
+                words: of_steps(|step| step.word),
+                masks: of_steps(|step| step.mask),
+                negated: of_steps(|step| step.negated),
+                are_ands: of_steps(|step| step.is_and),
+                decided: of_steps(|step| step.decided),
+                open: of_steps(|step| step.open),
                 ..view(camera, crate::layers::sample_offsets(frame.sample_count())[sample])
             },
-            words: expression.words() as u32,
+            traits,
+            depth: covered / (f64::from(camera.width) * f64::from(camera.height))
+                + fragments.len() as f64 / rect.area() as f64,
         }))
     }
 
@@ -408,6 +498,15 @@ impl Uploaded {
     }
 }
 
+/// How many pixels of a picture of `size` a triangle covers, about: those of its part that its box has in the picture.
+fn covered([a, b, c]: [Vec2; 3], size: Vec2) -> f64 {
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let area = 0.5 * (b - a).perp_dot(c - a).abs();
+    let box_area = |low: Vec2, high: Vec2| (high - low).max(Vec2::ZERO).element_product();
+    let inside = box_area(low.max(Vec2::ZERO), high.min(size));
+    f64::from(area * (inside / box_area(low, high).max(f32::MIN_POSITIVE)).min(1.0))
+}
+
 fn step(step: &crate::csg::steps::Step) -> Step {
     Step {
         word: step.word,
@@ -417,6 +516,14 @@ fn step(step: &crate::csg::steps::Step) -> Step {
         decided: step.decided,
         open: step.open,
     }
+}
+
+/// What a surface says of its leaf.
+fn fragment_bits(slot: &DrawnSlot) -> u32 {
+    let bit = |holds, bit| if holds { bit } else { 0 };
+    bit(slot.is_sheet, flags::FRAGMENT_SHEET)
+        | bit(slot.begins_inside.is_some(), flags::FRAGMENT_ENDLESS)
+        | bit(slot.opacity >= 1.0, flags::FRAGMENT_OPAQUE)
 }
 
 fn slot(slot: &DrawnSlot) -> Slot {

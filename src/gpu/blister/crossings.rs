@@ -50,7 +50,8 @@ fn ordered(
     let begins = gpu.storage::<u32>("begins", pixels * begins_words as usize)?;
     // One more than there are pixels: sums need a last zero.
     let offsets = gpu.storage::<u32>("offsets of crossings", pixels + 1)?;
-    let [order, write] = ["order_crossings", "write_crossings"].map(|entry| gpu.kernel(&shader(uploaded.words), entry));
+    let [order, write] =
+        ["order_crossings", "write_crossings"].map(|entry| gpu.kernel(&shader(uploaded.traits), entry));
     let mut commands = gpu.commands();
     let buffers = [
         (0, &frame),

@@ -22,7 +22,7 @@ pub(super) fn pipeline(
     topology: wgpu::PrimitiveTopology,
     has_depth: bool,
 ) -> wgpu::RenderPipeline {
-    gpu.render(&shader(uploaded.words), &format!("{fragment} {topology:?}"), |device, module| {
+    gpu.render(&shader(uploaded.traits), &format!("{fragment} {topology:?}"), |device, module| {
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(fragment),
             layout: None,

@@ -184,7 +184,7 @@ pub(super) fn with_room<T>(
     mut attempt: impl FnMut(usize) -> Result<(usize, Option<T>), GpuError>,
 ) -> Result<T, GpuError> {
     let most = (gpu.largest_binding() as usize / size).max(1);
-    let mut room = if length.get() == 0 { first } else { length.get() }.clamp(1, most);
+    let mut room = if length.get() == 0 { with_spare(first) } else { length.get() }.clamp(1, most);
     loop {
         let (needed, drawn) = attempt(room)?;
         if let Some(drawn) = drawn {
@@ -194,7 +194,14 @@ pub(super) fn with_room<T>(
             let needed = needed as u64 * size as u64;
             return Err(GpuError::TooLarge { what: format!("bytes of {what}"), needed, limit: gpu.largest_binding() });
         }
-        room = needed;
-        length.set(needed);
+        room = with_spare(needed).min(most);
+        length.set(room);
     }
+}
+
+/// `count`, and somewhat more: the next frame of a camera that turns, or of a scene that moves, may need more than this one.
+fn with_spare(count: usize) -> usize {
+    /// As a share of the count, one part of so many.
+    const SPARE: usize = 8;
+    count + count / SPARE
 }

@@ -1,8 +1,11 @@
 //! One pass over what is drawn, into lists of fragments by pixel, resolved in compute as the CPU does.
 //!
-//! *Practice.* Fragments come in any order, each linked to the one before it in its pixel; a pixel's list is sorted by its links alone, so
-//! what comes out does not depend on the order. How many there are has to be known to the CPU: one wait for each band, and another for
-//! how many boundaries. A list that was too short is made as long as it has to be, and the band is drawn again: nothing is lost.
+//! *Practice.* Fragments come in any order, each linked to the one before it in its pixel; what comes out does not depend on the order.
+//! Where a pixel has one boundary at most, a first kernel holds the nearest fragments of its list in registers and goes through them
+//! until it is known what shows; pixels with long lists, ties that matter or sheets are few, and a second kernel takes them from a list
+//! of pixels. It sorts by the links alone, as is done for all pixels where they may have several boundaries. How many fragments there
+//! are has to be known to the CPU: one wait for each band, and another for how many boundaries. The first list is as long as the
+//! triangles' areas tell; one that was too short is made as long as it has to be, and the band is drawn again: nothing is lost.
 
 use super::arrangement::{Fragment, Uploaded};
 use super::draws::{KINDS, NO_COLOUR, pass, pipeline};
@@ -12,8 +15,8 @@ use crate::gpu::layers::{GpuLayers, LayerRecord};
 use crate::gpu::{Gpu, GpuError, scan};
 use crate::space::PixelRect;
 
-/// Fragments that the first list has room for, for each pixel: enough for most pictures.
-const FIRST_FRAGMENTS_A_PIXEL: usize = 4;
+/// Fragments of a pixel that are looked through again and again for the nearest ones; where there are more they are sorted.
+pub(super) const MOST_WALKED: u32 = 64;
 
 /// The layers of a band.
 pub(super) fn draw(
@@ -47,7 +50,8 @@ pub(super) fn listed<T>(
     then: impl Fn(&Lists) -> Result<T, GpuError>,
 ) -> Result<T, GpuError> {
     let of = ("fragments", std::mem::size_of::<Fragment>());
-    with_room(gpu, &frame.length, of, rect.area() * FIRST_FRAGMENTS_A_PIXEL, |room| {
+    let first = (uploaded.depth * rect.area() as f64) as usize;
+    with_room(gpu, &frame.length, of, first, |room| {
         let lists = Lists {
             length: gpu.storage::<u32>("length", 2)?,
             heads: gpu.storage::<u32>("heads", rect.area())?,
@@ -90,18 +94,21 @@ fn resolve(gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect, lists: &Lists) -> Re
     // One more than there are pixels: sums need a last zero.
     let kept = gpu.storage::<u32>("kept", pixels + 1)?;
     let mut commands = gpu.commands();
-    let resolve = gpu.kernel(&shader(uploaded.words), "resolve");
-    let buffers = [
-        (0, &frame),
-        (1, &uploaded.steps),
-        (2, &uploaded.slots),
-        (3, &uploaded.surfaces),
-        (4, length),
-        (7, nodes),
-        (9, &kept),
-        (13, heads),
-    ];
-    commands.dispatch(&resolve, &gpu.bind(&resolve, &buffers), pixels);
+    let shader = shader(uploaded.traits);
+    let buffers = [(0, &frame), (1, &uploaded.steps), (2, &uploaded.slots), (7, nodes), (9, &kept), (13, heads)];
+    if uploaded.frame.is_single != 0 {
+        let rest = gpu.storage::<u32>("rest", 1 + pixels)?;
+        let groups = gpu.upload::<u32>("groups", &[0, 1, 1])?;
+        let [single, left] = ["resolve_single", "resolve_rest"].map(|entry| gpu.kernel(&shader, entry));
+        let of_single = [&buffers[..], &[(27, &rest), (28, &groups)]].concat();
+        commands.dispatch(&single, &gpu.bind(&single, &of_single), pixels);
+        let of_rest = [&buffers[..], &[(4, length), (27, &rest)]].concat();
+        commands.dispatch_indirect(&left, &gpu.bind(&left, &of_rest), &groups, 0);
+    } else {
+        let resolve = gpu.kernel(&shader, "resolve");
+        let buffers = [&buffers[..], &[(4, length)]].concat();
+        commands.dispatch(&resolve, &gpu.bind(&resolve, &buffers), pixels);
+    }
     scan::exclusive(gpu, &mut commands, &kept, pixels + 1)?;
     commands.submit();
     if gpu.download::<u32>(length, 2)?[1] == CUT_SHORT {
@@ -137,7 +144,7 @@ pub(super) fn write_with(
     let count = gpu.download_from::<u32>(&kept, std::mem::size_of::<u32>() as u64 * pixels as u64, 1)?[0] as usize;
     let records = gpu.storage::<LayerRecord>("records", count)?;
     let mut commands = gpu.commands();
-    let write = gpu.kernel(&shader(uploaded.words), entry);
+    let write = gpu.kernel(&shader(uploaded.traits), entry);
     let buffers = [
         &[
             (0, frame),

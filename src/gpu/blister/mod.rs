@@ -13,7 +13,8 @@
 //! every leaf's parity at every layer anew, as the paper does. Both sides of a layer are asked (§4.3 and Fig. 12 of the paper disagree on
 //! ties), and all of its coincident fragments toggle together.
 //!
-//! *Practice.* [`arrangement`] is what is uploaded; `list`, `tiles` and `peel` draw it, the rasterising ones with the pipelines of `draws`. A
+//! *Practice.* Shaders are made for what a frame has: for its words of memberships, and without code for sheets, half-spaces or colours
+//! where there are none. [`arrangement`] is what is uploaded; `list`, `tiles` and `peel` draw it, the rasterising ones with the pipelines of `draws`. A
 //! band that needs more than one buffer's worth of fragments is refused with [`GpuError::TooLarge`](super::GpuError::TooLarge), and drawn
 //! in parts by whoever asked.
 
@@ -26,8 +27,10 @@ mod peel;
 mod pieces;
 mod tiles;
 
+pub(super) use arrangement::Traits;
 pub use frame::{Classifier, GpuMeshFrame, Peeling};
 
+use super::buffers::MOST_GROUPS;
 use super::crossings::{CROSSING_ENTERS, CROSSING_SHOWS, CrossingRecord, LEAVES_A_WORD};
 use super::layers::LayerRecord;
 use super::shader::Shader;
@@ -52,16 +55,27 @@ pub(super) const CUT_SHORT: u32 = u32::MAX;
 /// Fragments that are counted: far more than one buffer holds, and far fewer than a counter does.
 const MOST_COUNTED: u32 = 1 << 31;
 
-/// The module, for states of so many words.
-pub(super) fn shader(words: u32) -> Shader {
+/// The module, for frames with these traits.
+pub(super) fn shader(traits: Traits) -> Shader {
     Shader::new("blister")
-        .with_constant("WORDS", words)
+        .with_constant("WORDS", traits.words)
+        .with_constant("STEPS", traits.steps)
+        .with_constant("HAS_SHEETS", u32::from(traits.has_sheets))
+        .with_constant("HAS_ENDLESS", u32::from(traits.has_endless))
+        .with_constant("HAS_COLOURS", u32::from(traits.has_colours))
+        .with_constant("MOST_WALKED", list::MOST_WALKED)
+        .with_constant("MOST_GROUPS", MOST_GROUPS)
         .with_constant("NO_SLOT", NO_SLOT)
         .with_constant("CUT_SHORT", CUT_SHORT)
         .with_constant("MOST_COUNTED", MOST_COUNTED)
         .with_constant("STEP_INSIDE", INSIDE)
         .with_constant("STEP_OUTSIDE", OUTSIDE)
         .with_constant("BOUNDARY_FRONT", flags::BOUNDARY_FRONT)
+        .with_constant("SLOT_NUMBER", flags::SLOT_NUMBER)
+        .with_constant("FRAGMENT_HIDDEN", flags::FRAGMENT_HIDDEN)
+        .with_constant("FRAGMENT_SHEET", flags::FRAGMENT_SHEET)
+        .with_constant("FRAGMENT_ENDLESS", flags::FRAGMENT_ENDLESS)
+        .with_constant("FRAGMENT_OPAQUE", flags::FRAGMENT_OPAQUE)
         .with_constant("SLOT_SHEET", flags::SLOT_SHEET)
         .with_constant("SLOT_IN_SUPERSET", flags::SLOT_IN_SUPERSET)
         .with_constant("PIECE_HIDDEN", flags::PIECE_HIDDEN)

@@ -86,7 +86,7 @@ impl<'p> Peel<'p> {
         (is_bounded, is_short): (bool, bool),
         is_parity: bool,
     ) -> Result<Self, GpuError> {
-        let (pixels, words) = (rect.area(), uploaded.words as usize);
+        let (pixels, words) = (rect.area(), uploaded.traits.words as usize);
         let mut band = uploaded.band(rect);
         band.is_bounded = u32::from(is_bounded);
         band.is_product &= u32::from(is_short);
@@ -203,7 +203,7 @@ impl<'p> Peel<'p> {
 
     /// Runs a kernel over the pixels, as far as the arguments say.
     fn kernel(&self, commands: &mut Commands, entry: &'static str) {
-        let kernel = self.gpu.kernel(&shader(self.uploaded.words), entry);
+        let kernel = self.gpu.kernel(&shader(self.uploaded.traits), entry);
         let uploaded = self.uploaded;
         let depth = wgpu::BindGroupEntry { binding: 20, resource: wgpu::BindingResource::TextureView(&self.depth) };
         let classify: [(u32, &wgpu::Buffer); 9] = [
@@ -246,7 +246,7 @@ impl<'p> Peel<'p> {
     /// Puts the boundaries in order, and makes records of them.
     fn finish(&self, length: usize) -> Result<GpuLayers, GpuError> {
         let (gpu, uploaded, pixels) = (self.gpu, self.uploaded, self.rect.area());
-        let shader = shader(uploaded.words);
+        let shader = shader(uploaded.traits);
         let kept = gpu.storage::<u32>("kept", pixels + 1)?;
         let sorted = gpu.storage::<Survivor>("sorted", length)?;
         let mut commands = gpu.commands();

@@ -119,7 +119,7 @@ fn piece(surface: &Surface, number: u32, [x, y]: [u32; 2], edges: [[i32; 3]; 3])
     let at_tile = f64::from(right) * from_anchor[0] + f64::from(down) * from_anchor[1] + f64::from(at_anchor);
     let [a, b, c] = edges;
     let hidden = if surface.flags & flags::SURFACE_HIDDEN != 0 { flags::PIECE_HIDDEN } else { 0 };
-    let (slot, [low, high]) = (surface.slot | hidden, surface.range);
+    let (slot, [low, high]) = (surface.slot & flags::SLOT_NUMBER | hidden, surface.range);
     Piece { a, slot, b, surface: number, c, low, key: [right, down, at_tile as f32], high }
 }
 

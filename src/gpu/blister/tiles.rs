@@ -24,7 +24,7 @@ pub(super) fn draw(
 ) -> Result<GpuLayers, GpuError> {
     let (pixels, is_single) = (rect.area(), uploaded.frame.is_single != 0);
     let [places, pieces] = uploaded.tiles.as_ref().expect("a frame of this classifier has its tiles uploaded");
-    let shader = shader(uploaded.words);
+    let shader = shader(uploaded.traits);
     let band = gpu.uniform("frame", &uploaded.band(rect));
     let of = ("boundaries", std::mem::size_of::<TileBoundary>());
     with_room(gpu, &frame.length, of, pixels * FIRST_BOUNDARIES_A_PIXEL, |room| {

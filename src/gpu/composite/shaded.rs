@@ -71,21 +71,44 @@ pub(super) fn with_light(shader: Shader) -> Shader {
         .with_text(include_str!("../../../shaders/composite/shaded.wgsl"))
 }
 
-/// Blends the layers of the band's part into `pixels`, front to back.
-pub(super) fn blend(commands: &mut Commands, band: &Band, paints: &wgpu::Buffer, pixels: &wgpu::Buffer) {
-    let layers = &band.layers;
-    let buffers = [(1, &layers.offsets), (2, &layers.records), (3, paints), (4, pixels)];
-    band.for_part(commands, &shader(), "blend", &buffers);
+/// By row of the band's part, how many of its pixels show a surface.
+pub(super) struct Covered(wgpu::Buffer);
+
+impl Covered {
+    /// Not counted yet.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn new(gpu: &Gpu, band: &Band) -> Result<Self, GpuError> {
+        Ok(Self(gpu.storage::<u32>("covered", band.part.height() as usize)?))
+    }
+
+    /// Counts, where [`blend`] does not.
+    pub fn count(&self, commands: &mut Commands, band: &Band) {
+        band.for_part(commands, &shader(), "count_covered", &[(1, &band.layers.offsets), (5, &self.0)]);
+    }
+
+    /// Over all rows, once all commands are done.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`].
+    pub fn sum(&self, gpu: &Gpu, band: &Band) -> Result<u32, GpuError> {
+        Ok(gpu.download::<u32>(&self.0, band.part.height() as usize)?.iter().sum())
+    }
 }
 
-/// A count of the part's pixels that show a surface, once `commands` are done.
-///
-/// # Errors
-/// [`GpuError::TooLarge`].
-pub(super) fn count_covered(gpu: &Gpu, commands: &mut Commands, band: &Band) -> Result<wgpu::Buffer, GpuError> {
-    let covered = gpu.storage::<u32>("covered", 1)?;
-    band.for_part(commands, &shader(), "count_covered", &[(1, &band.layers.offsets), (5, &covered)]);
-    Ok(covered)
+/// Blends the layers of the band's part into `pixels`, front to back, of `samples` a pixel, and counts what is `covered`.
+pub(super) fn blend(
+    commands: &mut Commands,
+    band: &Band,
+    samples: u32,
+    paints: &wgpu::Buffer,
+    pixels: &wgpu::Buffer,
+    covered: &Covered,
+) {
+    let layers = &band.layers;
+    let buffers = [(1, &layers.offsets), (2, &layers.records), (3, paints), (4, pixels), (5, &covered.0)];
+    band.for_part(commands, &shader(), if samples > 1 { "blend" } else { "blend_single" }, &buffers);
 }
 
 #[cfg(test)]

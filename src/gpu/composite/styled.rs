@@ -3,7 +3,7 @@
 use super::layered::{self, Canvas};
 use super::occlusion::Occlusion;
 use super::recolour::{Recolour, leaf_table};
-use super::shaded::{self, Paints};
+use super::shaded::{self, Covered, Paints};
 use super::shadow::Shadows;
 use super::sketchy::Sketcher;
 use super::strokes::{Lines, no_inks};
@@ -121,12 +121,13 @@ impl Frame<'_, '_> {
         self.recolour.apply(gpu, &mut band, &self.leaves)?;
         let pixels = gpu.storage::<[f32; 4]>("pixels", area)?;
         let mut commands = gpu.commands();
-        let covered = shaded::count_covered(gpu, &mut commands, &band)?;
+        let covered = Covered::new(gpu, &band)?;
         let depths = if self.is_plain {
-            shaded::blend(&mut commands, &band, &self.paints, &pixels);
+            shaded::blend(&mut commands, &band, self.source.samples(), &self.paints, &pixels, &covered);
             commands.submit();
             None
         } else {
+            covered.count(&mut commands, &band);
             commands.submit();
             let canvas = Canvas { pixels: pixels.clone(), depths: gpu.storage::<f32>("depths", area)? };
             self.layers(&band, &canvas)?;
@@ -135,7 +136,7 @@ impl Frame<'_, '_> {
         Ok(Some(Part {
             pixels: gpu.download(&pixels, area)?,
             depth: depths.map(|depths| gpu.download(&depths, area)).transpose()?,
-            covered: gpu.download(&covered, 1)?[0],
+            covered: covered.sum(gpu, &band)?,
         }))
     }
 
