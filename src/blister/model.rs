@@ -104,8 +104,6 @@ pub(super) struct Meshlet {
     pub leaf: LeafId,
     /// Whether a triangle of it lies in a plane that leaves share.
     pub has_shared_planes: bool,
-    /// Holds it.
-    pub ball: Ball,
 }
 
 /// A triangle's plane in world space.
@@ -149,6 +147,8 @@ pub struct MeshModel {
     pub(super) surfaces: Arc<Vec<Surface>>,
     pub(super) planes: Arc<Vec<Plane>>,
     pub(super) meshlets: Vec<Meshlet>,
+    /// By meshlet: a ball around it. Apart from the rest, which is looked at far more often.
+    pub(super) balls: Vec<Ball>,
     /// Around groups of meshlets.
     pub(super) groups: Vec<Ball>,
     pub(super) solids: Vec<SolidLeaf>,
@@ -204,6 +204,7 @@ impl MeshModel {
             surfaces: Arc::new(Vec::with_capacity(triangles)),
             planes: Arc::default(),
             meshlets: Vec::new(),
+            balls: Vec::new(),
             groups: Vec::new(),
             solids: Vec::new(),
         };
@@ -257,9 +258,11 @@ impl MeshModel {
 
     fn keep_used(&mut self) {
         let is_used = |leaf: LeafId| self.flat.leaves().binary_search(&leaf).is_ok();
+        let mut meshlets = self.meshlets.iter();
+        self.balls.retain(|_| meshlets.next().is_some_and(|meshlet| is_used(meshlet.leaf)));
         self.meshlets.retain(|meshlet| is_used(meshlet.leaf));
         self.solids.retain(|solid| is_used(solid.leaf));
-        self.groups = visible::groups(&self.meshlets);
+        self.groups = visible::groups(&self.balls);
     }
 
     fn append(&mut self, mesh: PlacedMesh) {
@@ -272,8 +275,8 @@ impl MeshModel {
         for count in mesh.groups {
             let own;
             (own, rest) = rest.split_at(count as usize);
-            let ball = Ball::around(own.as_flattened().iter().map(|v| mesh.positions[*v as usize]));
-            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf, has_shared_planes: false, ball });
+            self.balls.push(Ball::around(own.as_flattened().iter().map(|v| mesh.positions[*v as usize])));
+            self.meshlets.push(Meshlet { first, count, leaf: mesh.leaf, has_shared_planes: false });
             first += count;
         }
         let (triangles, surfaces) = (Arc::make_mut(&mut self.triangles), Arc::make_mut(&mut self.surfaces));

@@ -121,14 +121,14 @@ impl Edge {
 /// few blocks of their box.
 const WIDE_BLOCKS: i32 = 2;
 
-/// The columns of a row within an edge: where `x·direction ≤ offset + slope·row`.
+/// The furthest column within an edge of any pixel of a row of blocks: `offset + slope·row`, of its first row.
 #[derive(Debug, Clone, Copy)]
 struct Bound {
     offset: f64,
     slope: f64,
 }
 
-/// What a triangle's edges leave of a row of pixels.
+/// What a triangle's edges leave of a row of blocks.
 struct Bounds {
     /// Greatest and least column: of the edges that bound to the right, and to the left.
     right: [Bound; 3],
@@ -143,26 +143,27 @@ impl Bounds {
             // c + dx·row − dy·column ≥ 0. Rounding is far below a pixel's hundredth.
             const SLACK: f64 = 0.01;
             let per = 1.0 / f64::from(edge.dy);
-            let bound = Bound { offset: edge.c as f64 * per, slope: f64::from(edge.dx) * per };
+            let (offset, slope) = (edge.c as f64 * per, f64::from(edge.dx) * per);
+            // To the block's last row.
+            let down = slope * f64::from(BLOCK_HEIGHT - 1);
             if edge.dy > 0 {
-                right[i] = Bound { offset: bound.offset + SLACK, ..bound };
+                right[i] = Bound { offset: offset + down.max(0.0) + SLACK, slope };
             } else if edge.dy < 0 {
-                left[i] = Bound { offset: bound.offset - SLACK, ..bound };
+                left[i] = Bound { offset: offset + down.min(0.0) - SLACK, slope };
             }
         }
         Self { right, left }
     }
 
-    /// The first and last column that any pixel of the rows from `first` to `last` can have.
+    /// The first and last column of the tile that any pixel of the row of blocks from `row` on can have, or columns next to them.
     #[inline(always)]
-    fn columns(&self, first: i32, last: i32) -> (i32, i32) {
-        let (first, last) = (f64::from(first), f64::from(last));
-        let most = |b: &Bound| (b.offset + b.slope * first).max(b.offset + b.slope * last);
-        let least = |b: &Bound| (b.offset + b.slope * first).min(b.offset + b.slope * last);
-        let right = most(&self.right[0]).min(most(&self.right[1])).min(most(&self.right[2]));
-        let left = least(&self.left[0]).max(least(&self.left[1])).max(least(&self.left[2]));
-        // Casts saturate.
-        (left.ceil() as i32, right.floor() as i32)
+    fn columns(&self, row: i32) -> (i32, i32) {
+        let row = f64::from(row);
+        let at = |b: &Bound| b.offset + b.slope * row;
+        let right = at(&self.right[0]).min(at(&self.right[1])).min(at(&self.right[2]));
+        let left = at(&self.left[0]).max(at(&self.left[1])).max(at(&self.left[2]));
+        // Casts saturate. Towards zero they round a column too far at most, which the edges then leave out.
+        (left as i32, right as i32)
     }
 }
 
@@ -252,7 +253,7 @@ pub(super) fn blocks<S: Simd>(
         let row = block_y * height;
         let mut across = blocks_x;
         if let Some(bounds) = &bounds {
-            let (left, right) = bounds.columns(row, row + height - 1);
+            let (left, right) = bounds.columns(row);
             across = (across.0.max(left.max(0) / width), across.1.min(right.min(last) >> BLOCK_WIDTH.trailing_zeros()));
         }
         for block_x in across.0..=across.1 {

@@ -8,7 +8,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::model::{MeshModel, Meshlet};
+use super::model::MeshModel;
 use super::project::View;
 
 /// A ball in world space.
@@ -82,29 +82,23 @@ enum Shown {
 const A_GROUP: usize = 64;
 
 /// The balls around each [`A_GROUP`] of meshlets.
-pub(super) fn groups(meshlets: &[Meshlet]) -> Vec<Ball> {
-    let around = |meshlets: &[Meshlet]| {
-        let balls: Vec<Ball> = meshlets.iter().map(|meshlet| meshlet.ball).collect();
-        Ball::around_balls(&balls)
-    };
-    meshlets.chunks(A_GROUP).map(around).collect()
+pub(super) fn groups(balls: &[Ball]) -> Vec<Ball> {
+    balls.chunks(A_GROUP).map(Ball::around_balls).collect()
 }
 
 /// The numbers of the meshlets that the picture may show, in their order.
 pub(super) fn meshlets(view: &View, model: &MeshModel) -> Vec<u32> {
-    let mut visible = Vec::with_capacity(model.meshlets.len());
-    for (number, (group, ball)) in model.meshlets.chunks(A_GROUP).zip(&model.groups).enumerate() {
+    let mut visible = Vec::with_capacity(model.balls.len());
+    for (number, (balls, around)) in model.balls.chunks(A_GROUP).zip(&model.groups).enumerate() {
         let first = (number * A_GROUP) as u32;
-        let numbers = first..first + group.len() as u32;
-        match ball.shown(view) {
+        let numbers = first..first + balls.len() as u32;
+        match around.shown(view) {
             Shown::Nothing => {}
             Shown::Everything => visible.extend(numbers),
-            Shown::Perhaps => visible.extend(
-                numbers
-                    .zip(group)
-                    .filter(|(_, meshlet)| meshlet.ball.shown(view) != Shown::Nothing)
-                    .map(|(number, _)| number),
-            ),
+            Shown::Perhaps => {
+                let may_show = numbers.zip(balls).filter(|(_, ball)| ball.shown(view) != Shown::Nothing);
+                visible.extend(may_show.map(|(number, _)| number));
+            }
         }
     }
     visible

@@ -5,6 +5,8 @@
 //! a surface are lit alike: the normal is turned to the viewer, because a result's back face is as much a surface as its
 //! front. Eight pixels are lit at once, by the same steps as one.
 
+use std::ops::Range;
+
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x8};
 use glam::{DVec2, DVec3, Vec3};
@@ -297,52 +299,58 @@ impl<'a> Shader<'a> {
         ];
         let (tile_x, tile_y) = (rect.x0 / TILE_SIDE * TILE_SIDE, rect.y0 / TILE_SIDE * TILE_SIDE);
         let [across, down] = blocks_of(rect);
+        let one = f32x8::splat(simd, 1.0);
         let mut count = 0;
-        for (block_y, block_x) in (down.0..=down.1).flat_map(|y| (across.0..=across.1).map(move |x| (y, x))) {
-            let (covered, shown) = tile.block(block_y * BLOCKS_ACROSS + block_x);
-            let corner = (tile_x + block_x * BLOCK_WIDTH, tile_y + block_y * BLOCK_HEIGHT);
-            // The block's pixels in the rectangle.
-            let columns = corner.0.max(rect.x0)..(corner.0 + BLOCK_WIDTH).min(rect.x1);
-            let places = (columns.start - rect.x0) as usize..(columns.end - rect.x0) as usize;
-            let lines = corner.1.max(rect.y0)..(corner.1 + BLOCK_HEIGHT).min(rect.y1);
-            if covered == 0 {
-                lines.for_each(|y| rows[(y - rect.y0) as usize][places.clone()].fill(background));
-                continue;
-            }
-            count += u64::from(covered.count_ones());
-            let (normal, colour) = match shown {
-                OpaqueShown::One(OpaqueSurface { normal: [x, y, z], colour: [r, g, b] }) => {
-                    let splat = |number: &f32| f32x8::splat(simd, *number);
-                    ([splat(x), splat(y), splat(z)], [splat(r), splat(g), splat(b)])
+        for block_y in down.0..=down.1 {
+            for block_x in across.0..=across.1 {
+                let (covered, shown) = tile.block(block_y * BLOCKS_ACROSS + block_x);
+                let corner = (tile_x + block_x * BLOCK_WIDTH, tile_y + block_y * BLOCK_HEIGHT);
+                if covered == 0 {
+                    let (columns, lines) = within(corner, rect);
+                    let places = (columns.start - rect.x0) as usize..(columns.end - rect.x0) as usize;
+                    lines.for_each(|y| rows[(y - rect.y0) as usize][places.clone()].fill(background));
+                    continue;
                 }
-                OpaqueShown::Mixed(OpaquePixels { normals: [x, y, z], colours: [r, g, b] }) => {
-                    let load = |numbers: &[f32; LANES]| f32x8::from_slice(simd, numbers);
-                    ([load(x), load(y), load(z)], [load(r), load(g), load(b)])
+                count += u64::from(covered.count_ones());
+                let (normal, colour) = match shown {
+                    OpaqueShown::One(OpaqueSurface { normal: [x, y, z], colour: [r, g, b] }) => {
+                        let splat = |number: &f32| f32x8::splat(simd, *number);
+                        ([splat(x), splat(y), splat(z)], [splat(r), splat(g), splat(b)])
+                    }
+                    OpaqueShown::Mixed(OpaquePixels { normals: [x, y, z], colours: [r, g, b] }) => {
+                        let load = |numbers: &[f32; LANES]| f32x8::from_slice(simd, numbers);
+                        ([load(x), load(y), load(z)], [load(r), load(g), load(b)])
+                    }
+                };
+                let [x, y] = self.centre_of(corner.0, corner.1);
+                let [r, g, b] = self.lit_lanes(simd, [steps[0] + x, steps[1] + y], normal, colour, one);
+                let (r, g, b, one) = (r.split(), g.split(), b.split(), one.split());
+                if covered == u8::MAX {
+                    // All of the block is in the rectangle.
+                    let (left, top) = ((corner.0 - rect.x0) as usize, (corner.1 - rect.y0) as usize);
+                    let upper = rows[top][left..left + WIDTH].as_flattened_mut();
+                    let upper = upper.try_into().expect("all of the block's row");
+                    simd.store_four_interleaved_f32x4([r.0, g.0, b.0, one.0], upper);
+                    let lower = rows[top + 1][left..left + WIDTH].as_flattened_mut();
+                    let lower = lower.try_into().expect("all of the block's row");
+                    simd.store_four_interleaved_f32x4([r.1, g.1, b.1, one.1], lower);
+                    continue;
                 }
-            };
-            let [x, y] = self.centre_of(corner.0, corner.1);
-            let one = f32x8::splat(simd, 1.0);
-            let [r, g, b] = self.lit_lanes(simd, [steps[0] + x, steps[1] + y], normal, colour, one);
-            let (r, g, b, one) = (r.split(), g.split(), b.split(), one.split());
-            let halves = [[r.0, g.0, b.0, one.0], [r.1, g.1, b.1, one.1]];
-            if covered == u8::MAX {
-                let top = (corner.1 - rect.y0) as usize;
-                for (line, lit) in halves.into_iter().enumerate() {
-                    let pixels = rows[top + line][places.clone()].as_flattened_mut();
-                    simd.store_four_interleaved_f32x4(lit, pixels.try_into().expect("all of the block's row"));
+                let mut lit = [[[0.0; 4]; WIDTH]; 2];
+                let [upper, lower] = &mut lit;
+                let upper = upper.as_flattened_mut().try_into().expect("a row of the block");
+                simd.store_four_interleaved_f32x4([r.0, g.0, b.0, one.0], upper);
+                let lower = lower.as_flattened_mut().try_into().expect("a row of the block");
+                simd.store_four_interleaved_f32x4([r.1, g.1, b.1, one.1], lower);
+                let (columns, lines) = within(corner, rect);
+                for y in lines {
+                    for x in columns.clone() {
+                        let (column, line) = ((x - corner.0) as usize, (y - corner.1) as usize);
+                        let is_covered = covered >> (line * WIDTH + column) & 1 == 1;
+                        let pixel = &mut rows[(y - rect.y0) as usize][(x - rect.x0) as usize];
+                        *pixel = if is_covered { lit[line][column] } else { background };
+                    }
                 }
-                continue;
-            }
-            let mut lit = [[[0.0; 4]; WIDTH]; 2];
-            for (pixels, half) in lit.iter_mut().zip(halves) {
-                let pixels = pixels.as_flattened_mut().try_into().expect("a row of the block");
-                simd.store_four_interleaved_f32x4(half, pixels);
-            }
-            for (y, x) in lines.flat_map(|y| columns.clone().map(move |x| (y, x))) {
-                let (column, line) = ((x - corner.0) as usize, (y - corner.1) as usize);
-                let is_covered = covered >> (line * WIDTH + column) & 1 == 1;
-                let pixel = &mut rows[(y - rect.y0) as usize][(x - rect.x0) as usize];
-                *pixel = if is_covered { lit[line][column] } else { background };
             }
         }
         count
@@ -413,6 +421,13 @@ impl<'a> Shader<'a> {
             if facing_light > 0.0 { HIGHLIGHT * normal.dot(between).max(0.0).powi(HIGHLIGHT_EXPONENT) } else { 0.0 };
         boundary.colour.map(|c| c * diffuse + highlight)
     }
+}
+
+/// The columns and rows of the picture that a block of an opaque tile has in `rect`.
+#[inline(always)]
+fn within(corner: (u32, u32), rect: PixelRect) -> (Range<u32>, Range<u32>) {
+    let columns = corner.0.max(rect.x0)..(corner.0 + BLOCK_WIDTH).min(rect.x1);
+    (columns, corner.1.max(rect.y0)..(corner.1 + BLOCK_HEIGHT).min(rect.y1))
 }
 
 /// `base` to a power of two, by squaring.
