@@ -21,7 +21,7 @@ use super::few::{FEW, FewLayers};
 use super::fragments::{ABSENT, BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, Fragments, LANES};
 use super::model::{Look, MeshModel};
 use super::peel::{Block, LaneScratch, PeelScratch, SlotKind};
-use super::project::{self, SUBPIXELS, Snapped, View};
+use super::project::{self, SUBPIXELS, Vertices, View};
 use super::raster::{Grid, Key, Offsets};
 use super::solids::{self, SolidHit};
 use super::survivors::{Chooser, Eight, SlotLook, Survivors};
@@ -41,7 +41,7 @@ pub struct MeshFrame<'a> {
     limit: LayerLimit,
     samples: u32,
     level: Level,
-    vertices: Vec<Snapped>,
+    vertices: Vertices<'a>,
     bins: Bins,
     /// By solid of the model: its pixels.
     covers: Vec<PixelRect>,

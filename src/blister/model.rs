@@ -10,6 +10,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::planes::{self, NO_PLANE, Plane, PlaneUse};
+use super::project::Spare;
 use super::visible::{self, Ball};
 use crate::csg::{Flat, LeafId, Tree};
 use crate::geometry::{Solid, TriMesh};
@@ -152,6 +153,7 @@ pub struct MeshModel {
     /// Around groups of meshlets.
     pub(super) groups: Vec<Ball>,
     pub(super) solids: Vec<SolidLeaf>,
+    pub(super) spare: Spare,
 }
 
 /// One mesh leaf, placed and grouped.
@@ -207,6 +209,7 @@ impl MeshModel {
             balls: Vec::new(),
             groups: Vec::new(),
             solids: Vec::new(),
+            spare: Spare::default(),
         };
         for leaf in &given {
             let mesh = placed.binary_search_by_key(&leaf.leaf, |mesh| mesh.leaf).ok().map(|at| &placed[at]);

@@ -9,7 +9,9 @@
 //! triangles go to [`beyond`](super::beyond). Keys come from the plane in world space, not from the snapped corners, so
 //! that snapping moves edges by 1/512 pixel and depth not at all.
 
+use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fearless_simd::{Level, Simd};
 use glam::{DVec2, DVec3};
@@ -231,12 +233,12 @@ pub(super) fn planes(view: &View, planes: &[Plane]) -> Vec<Key> {
 }
 
 /// The vertices of `meshlets` on the picture, in parallel, by their numbers among all of `model`'s; those of no such meshlet mean nothing.
-pub(super) fn vertices(level: Level, view: &View, model: &MeshModel, meshlets: &[u32]) -> Vec<Snapped> {
+pub(super) fn vertices<'a>(level: Level, view: &View, model: &'a MeshModel, meshlets: &[u32]) -> Vertices<'a> {
     /// Vertices that are projected or left out together: most of a meshlet's follow each other.
     const TOGETHER: usize = 256;
     const A_TASK: usize = 32 * TOGETHER;
     let [xs, ys, zs] = model.positions.as_ref();
-    let mut snapped = vec![[0; 4]; xs.len()];
+    let mut snapped = model.spare.take(xs.len());
     // Step 1: which are asked for; where most are, it costs more to find out than it spares.
     let all = 2 * meshlets.len() > model.meshlets.len();
     let is_used: Vec<AtomicBool> = (0..xs.len().div_ceil(TOGETHER)).map(|_| AtomicBool::new(all)).collect();
@@ -261,7 +263,52 @@ pub(super) fn vertices(level: Level, view: &View, model: &MeshModel, meshlets: &
             }
         }));
     });
-    snapped
+    Vertices { snapped, spare: &model.spare }
+}
+
+/// Vertices on the picture.
+#[derive(Debug)]
+pub(super) struct Vertices<'a> {
+    snapped: Vec<Snapped>,
+    spare: &'a Spare,
+}
+
+impl Deref for Vertices<'_> {
+    type Target = [Snapped];
+
+    fn deref(&self) -> &[Snapped] {
+        &self.snapped
+    }
+}
+
+impl Drop for Vertices<'_> {
+    fn drop(&mut self) {
+        self.spare.buffers().push(std::mem::take(&mut self.snapped));
+    }
+}
+
+/// Buffers of frames that are done, for those to come: to be given as much memory by the system in every frame takes as long as to
+/// fill it.
+#[derive(Debug, Default)]
+pub(super) struct Spare(Mutex<Vec<Vec<Snapped>>>);
+
+impl Spare {
+    fn buffers(&self) -> MutexGuard<'_, Vec<Vec<Snapped>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A buffer of this length, of any content.
+    fn take(&self, length: usize) -> Vec<Snapped> {
+        let spare = self.buffers().pop();
+        spare.filter(|buffer| buffer.len() == length).unwrap_or_else(|| vec![[0; 4]; length])
+    }
+}
+
+impl Clone for Spare {
+    /// Buffers are not shared: a model of the same leaves gets its own when it is drawn.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 /// Written so that the compiler makes vectors of it.

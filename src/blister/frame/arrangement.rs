@@ -10,6 +10,7 @@ use std::collections::HashMap;
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
+use super::super::bins::Entry;
 use super::super::fragments::{BLOCK_HEIGHT, BLOCK_WIDTH, BLOCKS_ACROSS, BLOCKS_DOWN, LANES};
 use super::super::planes::NO_PLANE;
 pub(crate) use super::super::project::SUBPIXELS;
@@ -140,7 +141,14 @@ impl MeshFrame<'_> {
 
     /// Whether every fragment is of a triangle on the grid, so that what is handed over is the same for all parts of the picture.
     pub(crate) fn is_all_on_grid(&self) -> bool {
-        self.model.solids.is_empty() && self.vertices.iter().all(|vertex| vertex[3] == place::FINE)
+        let is_on_grid = |entry: &Entry| {
+            let first = self.model.meshlets[entry.meshlet as usize].first;
+            (0..u64::BITS).filter(|i| entry.triangles >> i & 1 == 1).all(|i| {
+                let corners = self.model.triangles[(first + i) as usize].map(|v| self.vertices[v as usize][3]);
+                corners[0] | corners[1] | corners[2] == place::FINE
+            })
+        };
+        self.model.solids.is_empty() && self.bins.all().iter().all(is_on_grid)
     }
 
     /// Hands over everything that is drawn at one of the pixels' samples: all triangles, and the fragments beside them within `rect`.
