@@ -431,6 +431,8 @@ impl<'a> MeshFrame<'a> {
         let some = seen.trailing_zeros() as usize;
         // A triangle is of one leaf.
         let others = (0..LANES).fold(0, |others, lane| others | u8::from(what[lane] != what[some]) << lane);
+        let is_same = |lane: usize| (others | !seen) >> lane & 1 == 1 || owners[lane] == owners[some];
+        debug_assert!((0..LANES).all(is_same), "one triangle, two owners");
         if others & seen == 0 {
             // Most blocks show one triangle.
             return tile.put_one(block, seen, of(some));

@@ -77,7 +77,7 @@ impl Default for OpaqueTile {
 impl OpaqueTile {
     /// Shows nothing any more.
     pub fn clear(&mut self) {
-        self.blocks.iter_mut().for_each(|block| block.covered = 0);
+        self.blocks.iter_mut().for_each(|block| (block.covered, block.mixed) = (0, NOT_MIXED));
         self.mixed.clear();
     }
 
@@ -121,7 +121,8 @@ impl OpaqueTile {
     }
 }
 
-/// The blocks of the tile around `rect` that hold any of its pixels: first and last column, first and last row.
+/// The blocks of the tile around `rect`, which holds a pixel at least, that hold any of its pixels: first and last column, first and
+/// last row.
 pub fn blocks_of(rect: PixelRect) -> [(u32, u32); 2] {
     let of = |first: u32, end: u32, side: u32| (first % TILE_SIDE / side, (end - 1) % TILE_SIDE / side);
     [of(rect.x0, rect.x1, BLOCK_WIDTH), of(rect.y0, rect.y1, BLOCK_HEIGHT)]
