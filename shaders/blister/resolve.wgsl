@@ -6,7 +6,7 @@
 // By pixel: its first fragment, plus one; and then its first boundary.
 @group(0) @binding(13) var<storage, read_write> firsts: array<u32>;
 
-// The pixels that `resolve` leaves to `resolve_rest`: how many, and which.
+// The pixels that `resolve_single` leaves to `resolve_rest`: how many, and which.
 @group(0) @binding(27) var<storage, read_write> rest: array<atomic<u32>>;
 // Workgroups for them.
 @group(0) @binding(28) var<storage, read_write> rest_groups: array<atomic<u32>, 3>;
