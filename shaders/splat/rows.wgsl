@@ -160,14 +160,21 @@ fn join(ray: Ray, id: u32, front: bool, t: f32, w: f32) {
     }
 }
 
+// Where a0 + a1 tau + a2 tau^2 vanishes with the slope -root, in the form that subtracts no nearly equal numbers.
+fn crossing(a0: f32, a1: f32, a2: f32, root: f32) -> f32 {
+    if a1 * root > 0.0 {
+        return (-a1 - root) / (2.0 * a2);
+    }
+    return 2.0 * a0 / (root - a1);
+}
+
 // Adds the root of a surfel's quadric that enters the leaf, or the one that leaves it, where inside the support: `z` is the
 // reference depth and `root` that of the discriminant.
 fn offer(ray: Ray, id: u32, q: Terms, z: f32, root: f32, front: bool, hidden_from: f32) {
     if (views[id].owner & select(MAY_LEAVE, MAY_ENTER, front)) == 0u {
         return;
     }
-    let denominator = select(-q.slope - root, root - q.slope, front);
-    let tau = 2.0 * q.value / denominator;
+    let tau = crossing(q.value, q.slope, q.half_bend, select(-root, root, front));
     let u = support(id, at_reference(ray, id) + ray.dir * tau);
     let t = tau + z;
     // Comparisons are false for NaN, so a vanishing denominator drops the candidate.
@@ -276,7 +283,7 @@ fn solve(ray: Ray, run: Run, group: Group, front: bool, steps: u32, crosses: boo
     }
     let square = a1 * a1 - 4.0 * a0 * a2;
     let root = sqrt(max(square, 0.0));
-    let tau = 2.0 * a0 / select(-a1 - root, root - a1, front);
+    let tau = crossing(a0, a1, a2, select(-root, root, front));
     let radius = views[group.best].radius;
     let near = abs(tau) < radius * FARTHEST_SOLVE_IN_RADII;
     // Edge-on, the mean candidate may lie beyond where the ray is nearest to the surface: the root lies before.

@@ -87,8 +87,11 @@ fn surest_dropped(group: u32, nearest: f32) -> u32 {
     return surest;
 }
 
-// Whether the crossing of `group` is that of a stray surfel above the surface that is crossed next.
+// Whether the crossing of `group` is one of two at a silhouette, or that of a stray surfel above the surface that is crossed next.
 fn is_stray(group: u32) -> bool {
+    if groups[group].steepness < EDGE_ON_STEEPNESS {
+        return true;
+    }
     let next = groups[group].next;
     if next == NONE {
         return false;

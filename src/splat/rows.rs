@@ -239,8 +239,7 @@ pub fn detect<S: Simd>(
             if !(if front { s.may_enter } else { s.may_leave }) {
                 continue;
             }
-            let denominator = if front { root - a1 } else { -a1 - root };
-            let tau = a0 * 2.0 / denominator;
+            let tau = crossing(a0, a1, q.a2, if front { root } else { -root });
             let (ex, ey, ez) = (q.ex + row.dir_x * tau, tau * row.dir_y + q.ey, tau + q.ez);
             let u = row.support(s, ex, ey, ez);
             let t = tau + s.z;
@@ -254,6 +253,14 @@ pub fn detect<S: Simd>(
             join(row, slots, front, hit, t, w, s, member);
         }
     }
+}
+
+/// Where a0 + a1 τ + a2 τ² vanishes with the slope −`root`: of the two forms of that solution the one that subtracts no
+/// nearly equal numbers (Press et al., *Numerical Recipes*, §5.6). Not a number, or infinite, where there is none.
+#[inline(always)]
+fn crossing<S: Simd>(a0: f32x8<S>, a1: f32x8<S>, a2: f32x8<S>, root: f32x8<S>) -> f32x8<S> {
+    let cancels = (a1 * root).simd_gt(0.0);
+    cancels.select(-a1 - root, a0 * 2.0) / cancels.select(a2 * 2.0, root - a1)
 }
 
 /// Adds candidates to the first slot whose surface they belong to, or opens a slot.
@@ -381,8 +388,7 @@ pub fn solve<S: Simd>(
     }
     let square = a1 * a1 - a0 * a2 * 4.0;
     let root = square.max(0.0).sqrt();
-    let denominator = if slot.front { root - a1 } else { -a1 - root };
-    let tau = a0 * 2.0 / denominator;
+    let tau = crossing(a0, a1, a2, if slot.front { root } else { -root });
     // Edge-on, the mean candidate may lie beyond where the ray is nearest to the surface: the root lies before.
     let sign_right = sheet.may_face(a1 / weight);
     let near = tau.abs().simd_lt(slot.best_radius * FARTHEST_SOLVE_IN_RADII);

@@ -10,6 +10,8 @@
 //!   (A crossing is out of turn only if the side before it, by the leaf's winding number, is the one that was left behind.)
 //! * One surfel that stands out of the surface is crossed once, by the side that faces away. Where no dropped group goes before a
 //!   crossing out of turn, and it lies less than a radius above the surface that is crossed next, it is the crossing itself that is left out.
+//! * At a silhouette rounding may find one of two crossings that are next to one and miss the other. The one that is found is met
+//!   edge-on, and is left out.
 //!
 //! # Practice
 //! A ray that misses both sides of the leaf passes a silhouette and is left alone: its crossings take turns without them. A scan
@@ -20,6 +22,10 @@
 /// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
 /// its own.
 pub(crate) const MOST_STRAY_IN_RADII: f32 = 1.0;
+
+/// A surface that is met less steeply than this, 3° off edge-on, ends there: a silhouette moves by less than 1/800 of its radius of
+/// curvature if the crossing is left out.
+pub(crate) const EDGE_ON_STEEPNESS: f32 = 0.05;
 
 /// Surfaces that rays meet less steeply are taken to be as steep, so that a radius off them is not far away.
 pub(crate) const LEAST_STEEPNESS: f32 = 0.1;
@@ -85,7 +91,8 @@ pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnM
                 let out_of_surface = (next.t - crossing.t) * next.steepness;
                 next.enters != crossing.enters && out_of_surface < crossing.radius * MOST_STRAY_IN_RADII
             };
-            let may_be_stray = surest.is_none() && found.get(place + 1).is_some_and(follows);
+            let may_end = crossing.steepness < EDGE_ON_STEEPNESS || found.get(place + 1).is_some_and(follows);
+            let may_be_stray = surest.is_none() && may_end;
             // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found. To ask
             // is dear, and most walls of a cavity have nothing to mend.
             if (surest.is_some() || may_be_stray) && holds(depth_before(crossing, nearest)) == inside {
@@ -182,5 +189,14 @@ mod tests {
         assert_eq!(of(&[leaves(1.0), enters(1.2), leaves(3.0)], &[], false), stray);
         // Unless its front was dropped.
         assert_eq!(of(&[leaves(1.0), enters(1.2), leaves(3.0)], &[(enters(0.9), 0.5)], false), needs(&[0]));
+    }
+    #[test]
+    fn one_crossing_at_a_silhouette_is_left_out() {
+        let stray = Mended { needed: Vec::new(), stray: vec![1.0] };
+        let edge_on = Found { steepness: 0.01, ..leaves(1.0) };
+        assert_eq!(of(&[edge_on], &[], false), stray);
+        assert_eq!(of(&[edge_on, enters(5.0), leaves(9.0)], &[], false), stray);
+        // Unless it is seen through a hole.
+        assert_eq!(mended(&[edge_on], &[], |t| t > 0.5), needs(&[]));
     }
 }

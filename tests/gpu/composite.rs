@@ -241,7 +241,7 @@ impl GpuLayerSource for Narrow<'_> {
 }
 
 fn bands_leave_no_trace(gpu: &'static Gpu) {
-    let is_meant = |layers: &&Layers| layers.name == "bearing" && layers.samples == 4 || layers.name == "widget";
+    let is_meant = |layers: &&Layers| matches!((layers.name, layers.samples), ("bearing", 4) | ("widget", 1));
     for layers in LAYERS.iter().filter(is_meant) {
         let heavy = layers.hatching.heavy();
         let leaves = Leaves { colours: &layers.colours, heavy: &heavy, hatching: Some(&layers.hatching), names: &[] };
