@@ -283,6 +283,11 @@ pub fn convert(
 }
 
 impl Converted {
+    /// The leaves, in the scene's order.
+    pub fn fields(&self) -> &[LeafField] {
+        &self.fields
+    }
+
     /// The number of surfels over all leaves.
     pub fn surfels(&self) -> usize {
         self.fields.iter().map(|f| f.cloud.len()).sum()

@@ -31,13 +31,16 @@ fn begins_inside(slot: u32, pixel: vec2<u32>) -> bool {
     return side.x * at.x + side.y * at.y + side.z < 0.0;
 }
 
-// Whether the driver has ended a loop of this thread before its time, without a word: then it ends this one too. Its length is not
-// known beforehand, so that it stays a loop.
-fn is_cut_short() -> bool {
-    let turns = 2u + frame.is_perspective;
+// Whether the driver has ended a loop of this thread before its time, without a word: then it ends this one too. Its length must
+// not be known beforehand, so that it stays a loop.
+fn is_cut_short_within(turns: u32) -> bool {
     var turn = 0u;
     while turn < turns {
         turn++;
     }
     return turn < turns;
+}
+
+fn is_cut_short() -> bool {
+    return is_cut_short_within(2u + frame.is_perspective);
 }

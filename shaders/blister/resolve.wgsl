@@ -84,6 +84,14 @@ fn resolve_single(thread: Thread) {
         kept[pixel] = 0u;
         return;
     }
+    resolve_nearest(pixel, head);
+    if is_cut_short_within(2u + (head & 1u)) {
+        atomicMax(&length[1], CUT_SHORT);
+    }
+}
+
+// Of a pixel whose list begins at `head`.
+fn resolve_nearest(pixel: u32, head: u32) {
     for (var word = 0u; word < WORDS; word++) {
         after[word] = 0u;
     }
@@ -170,6 +178,7 @@ fn resolve_single(thread: Thread) {
             }
             was = is;
             members = 0u;
+            has_sheet = false;
         }
         if is_left || shown.node != 0u || !has_more {
             break;

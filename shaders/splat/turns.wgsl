@@ -87,9 +87,9 @@ fn surest_dropped(group: u32, nearest: f32) -> u32 {
     return surest;
 }
 
-// Whether the crossing of `group` is one of two at a silhouette, or that of a stray surfel above the surface that is crossed next.
+// Whether the crossing of `group`, out of turn, may be one without its other half: at a silhouette, or of a stray surfel.
 fn is_stray(group: u32) -> bool {
-    if groups[group].steepness < EDGE_ON_STEEPNESS {
+    if groups[group].steepness * groups[group].steepness < GRAZING_COSINE_SQUARED {
         return true;
     }
     let next = groups[group].next;

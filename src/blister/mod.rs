@@ -22,7 +22,7 @@
 //! the ordinary triangles, `beyond` those that pass the eye, `solids` the analytic leaves; `fragments` is where all three put what they
 //! find, and `peel` and, of simple blocks, `few` find boundaries in it, with the rules of `ties`; `survivors` puts them in order and
 //! `write` fills them in. [`frame`] is the [`LayerSource`](crate::layers::LayerSource). Fragments are always rasterised: casting rays
-//! through a hierarchy for each leaf was measured to win from some 40 triangles a pixel on, and to cost as much as a hundred frames
+//! through a hierarchy for each leaf was measured to win from some 40 triangles a pixel on, and to cost as much as fifty to hundreds of frames
 //! before it does.
 
 mod beyond;

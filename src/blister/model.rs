@@ -386,6 +386,18 @@ fn inverse(leaf: &MeshLeaf) -> Result<DAffine3, MeshModelError> {
     if is_sound && inverse.is_finite() { Ok(inverse) } else { Err(MeshModelError::Transform(leaf.leaf)) }
 }
 
+/// The middle of the box around the vertices that triangles have; others may lie anywhere.
+fn middle_of_used(mesh: &TriMesh) -> DVec3 {
+    let of_triangle = |t: usize| {
+        let [a, b, c] = mesh.corners(t);
+        (a.min(b).min(c), a.max(b).max(c))
+    };
+    let around = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+    let (low, high) =
+        (0..mesh.triangles.len()).into_par_iter().map(of_triangle).reduce_with(around).unwrap_or_default();
+    0.5 * low + 0.5 * high
+}
+
 fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> {
     inverse(leaf)?;
     let unusable = |what: String| MeshModelError::Mesh { leaf: leaf.leaf, what };
@@ -396,8 +408,8 @@ fn place(leaf: &MeshLeaf, mesh: &TriMesh) -> Result<PlacedMesh, MeshModelError> 
     if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= count)) {
         return Err(unusable(format!("triangle {t} points beyond the {count} vertices")));
     }
-    // Centroids are kept relative to some point of the mesh, which may be far from the origin.
-    let origin = mesh.positions.first().copied().unwrap_or_default();
+    // Centroids are kept relative to the middle of what is drawn of the mesh, which may be far from the origin.
+    let origin = middle_of_used(mesh);
     let mut order: Vec<Placed> = (0..mesh.triangles.len())
         .into_par_iter()
         .map(|t| {

@@ -22,21 +22,26 @@ pub(super) struct Ball {
 /// roundings of `f64`.
 const ROUNDINGS: f64 = 256.0 * f64::EPSILON;
 
+/// The greater distance; infinity where one is not a number.
+fn farther(a: f64, b: f64) -> f64 {
+    if b.is_nan() { f64::INFINITY } else { a.max(b) }
+}
+
 impl Ball {
     /// One that holds all of `points`.
     pub fn around(points: impl Iterator<Item = DVec3> + Clone) -> Self {
         let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (low, high) = points.clone().fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
         let centre = 0.5 * (low + high);
-        let squared = points.fold(0.0_f64, |most, p| most.max(p.distance_squared(centre)));
-        Self { centre, radius: squared.sqrt() }
+        let radius = points.map(|p| p.distance(centre)).fold(0.0, farther);
+        Self { centre, radius }
     }
 
     /// One that holds all of `balls`.
     fn around_balls(balls: &[Self]) -> Self {
         let centre = Self::around(balls.iter().map(|ball| ball.centre)).centre;
         let reach = |ball: &Self| ball.centre.distance(centre) + ball.radius;
-        Self { centre, radius: balls.iter().map(reach).fold(0.0, f64::max) }
+        Self { centre, radius: balls.iter().map(reach).fold(0.0, farther) }
     }
 
     /// How much of it lies on the picture.

@@ -33,6 +33,9 @@ const AREA_PER_RADIUS_SQUARED: f64 = std::f64::consts::PI / (1.3 * 1.3 * 6.5);
 /// |Σ a n| / Σ a above which a scan counts as open. A scanned bone with a missing end has about 0.1, a half-space 1.
 const MOST_OPENNESS: f64 = 0.3;
 
+/// The same above which all surfels look the same way: a spread of 8°, more than noise gives.
+const LEAST_OF_A_PLANE: f64 = 0.99;
+
 /// A surfel's sign is taken where its disk is farther from the point than the point's own radius plus this share of its own: a
 /// curved or noisy surface leaves its surfel's plane by less within the disk.
 const PLANE_MARGIN: f32 = 0.25;
@@ -48,8 +51,26 @@ pub struct LeafField {
     /// Solid or sheet.
     pub kind: LeafKind,
     winding: Option<Inside>,
+    sides: Sides,
     /// The surfels' largest radius, world units.
     largest_radius: f32,
+}
+
+/// What the sides of places far from a leaf's surfels go by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// The leaf itself, or nothing: it is exact, or a sheet.
+    Itself,
+    /// Winding numbers: the surfels close a volume.
+    Winding,
+    /// The plane that all surfels lie in, or are parallel to: they stand for the half-space behind them.
+    HalfSpace,
+    /// The nearest surfel's plane: much of the surface has no other side.
+    Open,
+    /// Winding numbers; but the normals look inwards, so that nothing is inside.
+    Inward,
+    /// The nearest surfel's plane: the surface is closed, and its surfels do not agree where its inside is.
+    Unclear,
 }
 
 /// Winding numbers with the level that separates inside from outside.
@@ -57,15 +78,24 @@ pub struct LeafField {
 struct Inside {
     winding: Winding,
     threshold: f64,
+    /// Whether the normals look inwards.
+    is_inward: bool,
 }
 
 impl LeafField {
     /// Over `cloud`; `exact` where the leaf is an analytic solid or a mesh that is to be asked exactly.
     pub fn new(cloud: SurfelCloud, exact: Option<Exact>, kind: LeafKind) -> Self {
-        let winding = (exact.is_none() && kind == LeafKind::Solid).then(|| Inside::of(&cloud)).flatten();
+        let (winding, sides) = match exact.is_none() && kind == LeafKind::Solid {
+            true => match Inside::of(&cloud) {
+                Ok(inside) if inside.is_inward => (Some(inside), Sides::Inward),
+                Ok(inside) => (Some(inside), Sides::Winding),
+                Err(sides) => (None, sides),
+            },
+            false => (None, Sides::Itself),
+        };
         let tree = BallTree::new(&cloud);
         let largest_radius = cloud.surfels.iter().map(|surfel| surfel.radius).fold(0.0, f32::max);
-        Self { cloud, tree, exact, kind, winding, largest_radius }
+        Self { cloud, tree, exact, kind, winding, sides, largest_radius }
     }
 
     /// The leaf moved by `motion`.
@@ -118,6 +148,11 @@ impl LeafField {
     /// Whether sides far from the surface hold for some distance at all: not those of a scan that is open.
     pub fn has_steady_sides(&self) -> bool {
         self.winding.is_some()
+    }
+
+    /// What its sides go by far from its surfels.
+    pub fn sides(&self) -> Sides {
+        self.sides
     }
 
     /// Whether a ray enters and leaves it by turns, and what surfels say can be held to that.
@@ -360,8 +395,8 @@ fn side(inside: bool) -> Membership {
 }
 
 impl Inside {
-    /// `None` where the cloud is too open for winding numbers to mean anything.
-    fn of(cloud: &SurfelCloud) -> Option<Self> {
+    /// Or what sides go by where the winding numbers of `cloud` mean nothing.
+    fn of(cloud: &SurfelCloud) -> Result<Self, Sides> {
         let winding = Winding::new(
             (0..cloud.len())
                 .map(|i| {
@@ -371,34 +406,85 @@ impl Inside {
                 })
                 .collect(),
         );
-        if !(winding.openness() < MOST_OPENNESS) {
-            return None;
+        match winding.openness() {
+            openness if openness < MOST_OPENNESS => {}
+            openness if openness > LEAST_OF_A_PLANE => return Err(Sides::HalfSpace),
+            _ => return Err(Sides::Open),
         }
         // The area estimate is wrong by a constant where the file brought its own radii or scans overlap, so "inside"
-        // is calibrated just below the surface: far enough for dipoles, near enough not to cross a thin part.
+        // is calibrated just below the surface: far enough for dipoles, near enough not to cross a thin part. A tail or a toe is
+        // thinner than the deeper probe goes; there the other one tells.
         const PROBES: usize = 33;
-        const DEPTH_IN_RADII: f64 = 3.0;
+        const DEPTHS_IN_RADII: [f64; 2] = [3.0, 1.5];
+        // Where a probe finds less than this share of what half as deep a one finds, it has gone through.
+        const THROUGH_SHARE: f64 = 0.5;
         let step = (cloud.len() / PROBES).max(1);
-        let mut levels: Vec<f64> = (0..cloud.len())
-            .step_by(step)
-            .map(|i| {
-                let s = &cloud.surfels[i];
-                let below = s.normal.as_dvec3() * (DEPTH_IN_RADII * f64::from(s.radius));
-                winding.at(cloud.centre(i) - below) - winding.at(cloud.centre(i) + below)
-            })
-            .collect();
+        let probe = |i: usize| {
+            let s = &cloud.surfels[i];
+            let [deep, shallow] = DEPTHS_IN_RADII.map(|depth| {
+                let below = s.normal.as_dvec3() * (depth * f64::from(s.radius));
+                let (below, above) = (winding.at(cloud.centre(i) - below), winding.at(cloud.centre(i) + below));
+                (below - above, below + above)
+            });
+            if deep.0 >= THROUGH_SHARE * shallow.0 { deep } else { shallow }
+        };
+        let (mut levels, mut sums): (Vec<f64>, Vec<f64>) = (0..cloud.len()).step_by(step).map(probe).unzip();
         levels.sort_by(f64::total_cmp);
+        sums.sort_by(f64::total_cmp);
         let (level, low) = (levels[levels.len() / 2], levels[levels.len() / 4]);
         // A leaf of a few dozen surfels is thinner than the probes are deep, and they come out on its other side.
         const LEAST_LEVEL: f64 = 0.2; // radii half as large as estimated ones would give a quarter
         const AGREED_SHARE: f64 = 0.5;
-        (level > LEAST_LEVEL && low > AGREED_SHARE * level).then_some(Self { winding, threshold: 0.5 * level })
+        if !(level > LEAST_LEVEL && low > AGREED_SHARE * level) {
+            return Err(Sides::Unclear);
+        }
+        // Inside of normals that look outwards the number is 1, inside of others −1, and 0 outside of either.
+        let is_inward = sums[sums.len() / 2] < 0.0;
+        Ok(Self { winding, threshold: 0.5 * level, is_inward })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DAffine3;
+
     use super::*;
+    use crate::geometry::Solid;
+    use crate::surfel::from_solid;
+
+    fn field_of(solid: &Solid, spacing: f64, is_inside_out: bool) -> LeafField {
+        let mut cloud = from_solid(solid, DAffine3::IDENTITY, spacing).unwrap();
+        if is_inside_out {
+            cloud.surfels.iter_mut().for_each(|surfel| surfel.normal = -surfel.normal);
+        }
+        LeafField::new(cloud, None, LeafKind::Solid)
+    }
+
+    #[test]
+    fn sides_go_by_winding_numbers_however_thin_the_leaf_is() {
+        // As thin as a probe is deep, and thinner.
+        for radius in [0.8, 0.3, 0.22] {
+            let rod = Solid::Cylinder { from: DVec3::ZERO, to: DVec3::Z * 20.0, radius };
+            let field = field_of(&rod, 0.1, false);
+            assert_eq!(field.sides(), Sides::Winding, "{radius}");
+            assert!(field.far_inside(DVec3::Z * 10.0) && !field.far_inside(DVec3::new(9.0, 3.0, 10.0)), "{radius}");
+            assert_eq!(field_of(&rod, 0.1, true).sides(), Sides::Inward, "{radius}");
+        }
+    }
+
+    #[test]
+    fn what_has_no_inside_says_so() {
+        let plane = Solid::HalfSpace { point: DVec3::ZERO, normal: DVec3::Z, extent: 1.0 };
+        assert_eq!(field_of(&plane, 0.1, false).sides(), Sides::HalfSpace);
+        let ball = Solid::Sphere { centre: DVec3::ZERO, radius: 1.0 };
+        // What looks up is turned to look down.
+        let mut bowl = from_solid(&ball, DAffine3::IDENTITY, 0.1).unwrap();
+        bowl.surfels.iter_mut().for_each(|surfel| surfel.normal.z = -surfel.normal.z.abs());
+        assert_eq!(LeafField::new(bowl, None, LeafKind::Solid).sides(), Sides::Open);
+        let mut muddle = from_solid(&ball, DAffine3::IDENTITY, 0.1).unwrap();
+        muddle.surfels.iter_mut().step_by(3).for_each(|surfel| surfel.normal = -surfel.normal);
+        assert_eq!(LeafField::new(muddle, None, LeafKind::Solid).sides(), Sides::Unclear);
+    }
 
     #[test]
     fn a_side_holds_as_far_as_harnack_lets_it() {

@@ -244,10 +244,10 @@ pub enum Union {
 #[derive(Debug, Clone, Copy, Args)]
 pub struct DensityArgs {
     /// Largest error of a sampled mesh or solid, or of a solid as a mesh, in pixels
-    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive, conflicts_with = "spacing", help_heading = "Pipeline")]
+    #[arg(long, value_name = "PX", default_value_t = 0.5, value_parser = positive, allow_negative_numbers = true, conflicts_with = "spacing", help_heading = "Pipeline")]
     pub max_error: f64,
     /// Surfel spacing of sampled meshes and solids, in scene units, in place of --max-error
-    #[arg(long, value_name = "LENGTH", value_parser = positive, help_heading = "Pipeline")]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Pipeline")]
     pub spacing: Option<f64>,
 }
 
@@ -286,7 +286,7 @@ pub struct ViewArgs {
     /// or an EXR is written, else nearest]
     #[arg(long, value_parser = choice(&[LayerLimit::Nearest, LayerLimit::All], layer_limit_name, layer_limit_summary), help_heading = "Picture")]
     pub layers: Option<LayerLimit>,
-    /// Layers drawn, where deeper ones show, and written to an EXR at most
+    /// Layers drawn, where deeper ones show, and written to an EXR at most [default: the scene's, else all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Picture")]
     pub max_layers: Option<u32>,
     /// Stop at the first layer that has fewer than N pixels, where deeper ones show; what is left out is told
@@ -310,17 +310,17 @@ pub struct CameraArgs {
     /// What it looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, help_heading = "Camera")]
     pub target: Option<DVec3>,
-    /// Which way is up
+    /// Which way is up [default: the scene's, else 0,0,1]
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, help_heading = "Camera")]
     pub up: Option<DVec3>,
-    /// Vertical field of view in degrees (perspective)
-    #[arg(long, value_name = "DEGREES", value_parser = positive, conflicts_with = "height", help_heading = "Camera")]
+    /// Vertical field of view in degrees (perspective) [default: the scene's, else 35]
+    #[arg(long, value_name = "DEGREES", value_parser = positive, allow_negative_numbers = true, conflicts_with = "height", help_heading = "Camera")]
     pub fov_y: Option<f64>,
     /// Height of the picture in scene units (orthographic)
-    #[arg(long, value_name = "LENGTH", value_parser = positive, help_heading = "Camera")]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Camera")]
     pub height: Option<f64>,
     /// Magnify so many times, towards --at
-    #[arg(long, value_name = "F", value_parser = positive, help_heading = "Camera")]
+    #[arg(long, value_name = "F", value_parser = positive, allow_negative_numbers = true, help_heading = "Camera")]
     pub zoom: Option<f64>,
     /// What --zoom brings to the middle of the picture [default: the target]
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, help_heading = "Camera")]
@@ -565,6 +565,8 @@ fn background(text: &str) -> Result<[f32; 4], String> {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+    use surfcut::scene::framing::FOV_Y_DEGREES;
+    use surfcut::scene::style::{CutColour, LineSettings, Style, StyleKind};
 
     use super::*;
 
@@ -579,6 +581,36 @@ mod tests {
     #[test]
     fn the_definition_is_sound() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn help_tells_what_styles_have_by_default() {
+        let command = Cli::command();
+        let render = command.find_subcommand("render").unwrap();
+        let help = |flag: &str| {
+            render.get_arguments().find(|arg| arg.get_id() == flag).unwrap().get_help().unwrap().to_string()
+        };
+        let (blueprint, shaded) = (Style::of(StyleKind::Blueprint), Style::of(StyleKind::Shaded));
+        let LineSettings { width_px, jump_px, crease_degrees, hidden_dash_px, .. } = shaded.lines;
+        let rows = |[[a, b], [c, d]]: [[f32; 2]; 2]| format!("{a},{b},{c},{d}");
+        assert!(hidden_dash_px.is_none() && shaded.cut_colour == CutColour::Cutter && shaded.fade == 0.0);
+        for (flag, default) in [
+            ("opacity", Style::of(StyleKind::Transparent).opacity.to_string()),
+            ("fade", format!("{} in blueprints and wireframes and 0 elsewhere", blueprint.fade)),
+            ("tint", blueprint.tint.to_string()),
+            ("line_width", width_px.to_string()),
+            ("crease", crease_degrees.to_string()),
+            ("jump", jump_px.to_string()),
+            ("hidden", "solid".to_owned()),
+            ("cut_colour", "cutter".to_owned()),
+            ("seed", shaded.sketch.seed.to_string()),
+            ("sketch_edge", rows(shaded.sketch.edge_px)),
+            ("sketch_shade", rows(shaded.sketch.shade_px)),
+            ("sketch_wavelength", shaded.sketch.wavelength_px.to_string()),
+            ("fov_y", FOV_Y_DEGREES.to_string()),
+        ] {
+            assert!(help(flag).contains(&format!("[default: the scene's, else {default}]")), "{flag}: {}", help(flag));
+        }
     }
 
     #[test]
@@ -655,6 +687,9 @@ mod tests {
             ("a --eye 1,2", "three numbers"),
             ("a --eye 1,2,nan", "three numbers"),
             ("a --zoom 0", "larger than 0"),
+            ("a --zoom -1", "larger than 0"),
+            ("a --line-width -1", "larger than 0"),
+            ("a --opacity -0.5", "from 0 to 1"),
             ("a --samples 17", "16"),
             ("a --threads 0", "1"),
             ("a --background puce", "ivory"),

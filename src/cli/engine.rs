@@ -6,8 +6,9 @@ use anyhow::Context;
 use glam::DAffine3;
 
 use surfcut::blister::{MeshFrame, MeshLeaf, MeshModel};
-use surfcut::classify::Model;
+use surfcut::classify::field::Sides;
 use surfcut::classify::partners::{Among, PartnerLists};
+use surfcut::classify::{LeafField, Model};
 use surfcut::csg::{LeafId, TooManyProducts, Tree};
 #[cfg(feature = "gpu")]
 use surfcut::gpu::blister::{Classifier, GpuMeshFrame};
@@ -23,9 +24,9 @@ use surfcut::hybrid::HybridModel;
 use surfcut::layers::merged::MergedLayers;
 use surfcut::layers::{LayerLimit, LayerSource};
 use surfcut::output::report::Report;
-use surfcut::pipeline::{self, Density, ExactLeaves, Prepared};
+use surfcut::pipeline::{self, Converted, Density, ExactLeaves, Prepared};
 use surfcut::reference::{Reference, TruthLeaf};
-use surfcut::scene::{LeafGeometry, LoadedScene};
+use surfcut::scene::{Leaf, LeafGeometry, LoadedScene};
 use surfcut::space::{Camera, Motion};
 use surfcut::splat::{Frame, Partners, SplatSettings};
 
@@ -223,6 +224,7 @@ fn prepared(
         report.phase("convert", || pipeline::convert(loaded, camera, density, exact, &|points| bar.inc(points)))?;
     bar.finish_and_clear();
     report.count("surfels", converted.surfels() as u64);
+    report.warnings.extend(doubts(loaded, &converted));
     let prepared = report.phase("classify", || converted.classify());
     let counts = prepared.model.counts();
     report.count("surface_surfels", counts.surface as u64);
@@ -230,6 +232,32 @@ fn prepared(
     report.count("outside_edge_surfels", counts.outside_edge as u64);
     report.count("outside_surfels", counts.outside as u64);
     Ok(prepared)
+}
+
+/// Leaves that cut by guessing, and how to mend it.
+fn doubts(loaded: &LoadedScene, converted: &Converted) -> Vec<String> {
+    let cuts = loaded.canonical_tree().leaves().len() > 1;
+    let of_leaf = |(leaf, field): (&Leaf, &LeafField)| {
+        let name = &leaf.name;
+        match field.sides() {
+            Sides::Inward => Some(format!(
+                "leaf `{name}` is inside-out: its normals look inwards; turn them round, or write !{name} in the expression"
+            )),
+            Sides::Unclear => Some(format!(
+                "the surfels of leaf `{name}` do not agree where its inside is: what it cuts far from them is a guess, made by \
+                 the nearest one's plane; orient its normals, or remove them so that they are estimated"
+            )),
+            Sides::Open => Some(format!(
+                "the surface of leaf `{name}` is open: where it has no points its inside is a guess, made by the nearest surfel's \
+                 plane; declare it kind = \"sheet\" if it is only to be cut and shows no cut faces"
+            )),
+            Sides::Itself | Sides::Winding | Sides::HalfSpace => None,
+        }
+    };
+    match cuts {
+        true => loaded.scene.leaves.iter().zip(converted.fields()).filter_map(of_leaf).collect(),
+        false => Vec::new(),
+    }
 }
 
 /// A scene as classified surfels: what the pipeline's settings do not change, made once for all of them.

@@ -23,37 +23,39 @@ pub struct StyleArgs {
     /// How it is drawn [default: the scene's, else shaded]
     #[arg(long, value_parser = choice(&StyleKind::ALL, StyleKind::name, StyleKind::summary), help_heading = "Style")]
     pub style: Option<StyleKind>,
-    /// Opacity of surfaces in transparent styles, times each leaf's own
-    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    /// Opacity of surfaces in transparent styles, times each leaf's own [default: the scene's, else 0.4]
+    #[arg(long, value_name = "0..1", value_parser = share, allow_negative_numbers = true, help_heading = "Style")]
     pub opacity: Option<f32>,
-    /// How much weaker the ink of each layer is than that of the layer before it
-    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    /// How much weaker the ink of each layer is than that of the layer before it [default: the scene's, else 0.25 in blueprints
+    /// and wireframes and 0 elsewhere]
+    #[arg(long, value_name = "0..1", value_parser = share, allow_negative_numbers = true, help_heading = "Style")]
     pub fade: Option<f32>,
-    /// Opacity of surfaces in a blueprint
-    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    /// Opacity of surfaces in a blueprint [default: the scene's, else 0.08]
+    #[arg(long, value_name = "0..1", value_parser = share, allow_negative_numbers = true, help_heading = "Style")]
     pub tint: Option<f32>,
     /// How dark hollows are in shaded pictures [default: the scene's, else 0.6 where there are points and 0 elsewhere]
-    #[arg(long, value_name = "0..1", value_parser = share, help_heading = "Style")]
+    #[arg(long, value_name = "0..1", value_parser = share, allow_negative_numbers = true, help_heading = "Style")]
     pub occlusion: Option<f32>,
     /// Let the result throw shadows on itself, in styles whose surfaces are lit; with =0..1, how dark they are: 0 for none
-    #[arg(long, value_name = "0..1", num_args = 0..=1, require_equals = true, default_missing_value = "1", value_parser = share, help_heading = "Style")]
+    #[arg(long, value_name = "0..1", num_args = 0..=1, require_equals = true, default_missing_value = "1", value_parser = share, allow_negative_numbers = true, help_heading = "Style")]
     pub shadows: Option<f32>,
-    /// Width of lines in pixels
-    #[arg(long, value_name = "PX", value_parser = line_width, help_heading = "Style")]
+    /// Width of lines in pixels, in every style but shaded and transparent [default: the scene's, else 1]
+    #[arg(long, value_name = "PX", value_parser = line_width, allow_negative_numbers = true, help_heading = "Style")]
     pub line_width: Option<f32>,
-    /// Surfaces that meet at more than this angle have a line there
-    #[arg(long, value_name = "DEGREES", value_parser = angle, help_heading = "Style")]
+    /// Surfaces that meet at more than this angle have a line there [default: the scene's, else 25]
+    #[arg(long, value_name = "DEGREES", value_parser = angle, allow_negative_numbers = true, help_heading = "Style")]
     pub crease: Option<f32>,
-    /// Surfaces further apart than this many footprints of a pixel have a line between them
-    #[arg(long, value_name = "PX", value_parser = positive, help_heading = "Style")]
+    /// Surfaces further apart than this many footprints of a pixel have a line between them [default: the scene's, else 3]
+    #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true, help_heading = "Style")]
     pub jump: Option<f64>,
     /// Lines that a nearer layer hides: solid, dashed, dotted, or the lengths of a dash and a gap in pixels, such as 9,4
+    /// [default: the scene's, else solid]
     #[arg(long, value_name = "LINE|DASH,GAP", value_parser = hidden_lines, help_heading = "Style")]
     pub hidden: Option<HiddenLines>,
-    /// Colour of lines: #rrggbb or a name
+    /// Colour of lines: #rrggbb or a name [default: the scene's, else the style's]
     #[arg(long, value_name = "COLOUR", value_parser = rgb, help_heading = "Style")]
     pub ink: Option<[f32; 3]>,
-    /// Colour of cut faces: cutter, leaf (that was cut), #rrggbb or a name
+    /// Colour of cut faces: cutter, leaf (that was cut), #rrggbb or a name [default: the scene's, else cutter]
     #[arg(long, alias = "cut-color", value_name = "WHOSE|COLOUR", value_parser = cut_colour, help_heading = "Style")]
     pub cut_colour: Option<CutColour>,
     /// Name the leaves that show, each beside its colour, in a corner: bottom-left where none is named, bottom-right, top-left
@@ -63,17 +65,18 @@ pub struct StyleArgs {
     /// Write what the picture is made of into this folder: each layer's depth, normals, colours and lines
     #[arg(long, value_name = "FOLDER", value_hint = clap::ValueHint::DirPath, help_heading = "Style")]
     pub dump_maps: Option<std::path::PathBuf>,
-    /// Another hand for the sketchy style
+    /// Another hand for the sketchy style [default: the scene's, else 1]
     #[arg(long, value_name = "N", help_heading = "Style")]
     pub seed: Option<u32>,
-    /// How far the noise moves edges in the sketchy style: the rows of a 2x2 matrix in pixels, such as 5,0,0,5
+    /// How far the noise moves edges in the sketchy style: the rows of a 2x2 matrix in pixels
+    /// [default: the scene's, else 5,0,0,5]
     #[arg(long, value_name = "XX,XY,YX,YY", value_parser = offsets, allow_hyphen_values = true, help_heading = "Style")]
     pub sketch_edge: Option<Offsets>,
-    /// How far it moves surfaces
+    /// How far it moves surfaces [default: the scene's, else -7,2,-2,-7]
     #[arg(long, value_name = "XX,XY,YX,YY", value_parser = offsets, allow_hyphen_values = true, help_heading = "Style")]
     pub sketch_shade: Option<Offsets>,
-    /// Distance over which the noise changes, in pixels
-    #[arg(long, value_name = "PX", value_parser = wavelength, help_heading = "Style")]
+    /// Distance over which the noise changes, in pixels [default: the scene's, else 90]
+    #[arg(long, value_name = "PX", value_parser = wavelength, allow_negative_numbers = true, help_heading = "Style")]
     pub sketch_wavelength: Option<f32>,
 }
 

@@ -15,7 +15,7 @@ use crate::geometry::{Ellipse, PointCloud, TriMesh};
 
 /// The farthest a coordinate may lie from the origin: there, neighbouring `f64` are an eighth apart, and `f32` can still hold
 /// squares of distances. What lies beyond is a broken file, not a scan.
-const LARGEST_COORDINATE: f64 = 1e15;
+pub(crate) const LARGEST_COORDINATE: f64 = 1e15;
 
 /// The range of a file's colour values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -22,6 +22,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 pub use error::{Place, ReadError};
+pub(crate) use gather::LARGEST_COORDINATE;
 pub use notes::{Note, NoteKind};
 pub use ply_write::{WriteError, write_ply_cloud, write_ply_mesh};
 

@@ -13,7 +13,7 @@ use super::framing::{self, Bounds, Extent};
 use super::inline_solid::{self, EXTENT_OF_THE_SCENE};
 use super::{CameraSpec, LeafKind, LeafSource, RepresentError, Representation, Scene, Truth, colour};
 use crate::csg::{LeafId, Tree};
-use crate::formats::{self, Format, Geometry, Note, Progress, ReadError, ReadOptions, Stated};
+use crate::formats::{self, Format, Geometry, LARGEST_COORDINATE, Note, Progress, ReadError, ReadOptions, Stated};
 use crate::geometry::solid::SolidError;
 use crate::geometry::{PointCloud, Solid, TriMesh};
 use crate::space::{Camera, CameraError, Motion};
@@ -110,6 +110,15 @@ pub enum LoadError {
     /// A transform without an inverse.
     #[error("leaf `{leaf}`: its transform has no inverse: it flattens the leaf or is not finite; mend it")]
     Singular {
+        /// The leaf.
+        leaf: String,
+    },
+    /// A leaf lies, or reaches, too far from the origin.
+    #[error(
+        "leaf `{leaf}` reaches beyond ±{LARGEST_COORDINATE:e}, where numbers are too coarse to cut with: make it smaller, or move \
+         it nearer to the origin"
+    )]
+    TooFar {
         /// The leaf.
         leaf: String,
     },
@@ -310,6 +319,15 @@ pub fn load(scene: Scene, options: &ReadOptions, progress: &dyn Progress) -> Res
     }
     loaded.files = files.into_infos();
     loaded.bounds = (0..loaded.geometry.len()).into_par_iter().map(|i| loaded.bounds_of(i)).collect();
+    for (bounds, leaf) in loaded.bounds.iter().zip(&loaded.scene.leaves) {
+        let reaches = |bounds: &Bounds| {
+            let farthest = bounds.min.abs().max(bounds.max.abs()).max_element();
+            !(farthest <= LARGEST_COORDINATE) || !bounds.min.is_finite() || !bounds.max.is_finite()
+        };
+        if bounds.as_ref().is_some_and(reaches) {
+            return Err(LoadError::TooFar { leaf: leaf.name.clone() });
+        }
+    }
     loaded.far = (0..loaded.geometry.len()).into_par_iter().map(|i| loaded.far_of(i)).collect();
     loaded.give_extents()?;
     loaded.find_equal_leaves();

@@ -8,24 +8,22 @@
 //!   dropped, although the ray crosses it. Where a crossing is out of turn and a group that would go before it was dropped, that
 //!   group was a crossing: the one whose nearest surfel proves most, and the ray has that surfel's hit.
 //!   (A crossing is out of turn only if the side before it, by the leaf's winding number, is the one that was left behind.)
-//! * One surfel that stands out of the surface is crossed once, by the side that faces away. Where no dropped group goes before a
-//!   crossing out of turn, and it lies less than a radius above the surface that is crossed next, it is the crossing itself that is left out.
-//! * At a silhouette rounding may find one of two crossings that are next to one and miss the other. The one that is found is met
-//!   edge-on, and is left out.
+//! * One surfel that stands out of the surface is crossed once, and at a silhouette one of two crossings may be found and the other
+//!   missed. Where no dropped group goes before a crossing out of turn, it is the crossing itself that is left out if it is met
+//!   edge-on or lies less than three radii above the surface that is crossed next.
 //!
 //! # Practice
 //! A ray that misses both sides of the leaf passes a silhouette and is left alone: its crossings take turns without them. A scan
-//! with real holes shows its inside as before, since what is seen through a hole has no other side close behind it. Where only
+//! with real holes shows its inside as before, since what is seen through a hole has no other side close behind it: to leave out
+//! whatever is left from outside took the rim off an open wrist, where the winding number is less than half. Where only
 //! the nearest surface is wanted, crossings behind it are not looked for, and what is out of turn behind the last one found is not
 //! known.
 
+use super::rows::GRAZING_COSINE_SQUARED;
+
 /// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
 /// its own.
-pub(crate) const MOST_STRAY_IN_RADII: f32 = 1.0;
-
-/// A surface that is met less steeply than this, 3° off edge-on, ends there: a silhouette moves by less than 1/800 of its radius of
-/// curvature if the crossing is left out.
-pub(crate) const EDGE_ON_STEEPNESS: f32 = 0.05;
+pub(crate) const MOST_STRAY_IN_RADII: f32 = 3.0;
 
 /// Surfaces that rays meet less steeply are taken to be as steep, so that a radius off them is not far away.
 pub(crate) const LEAST_STEEPNESS: f32 = 0.1;
@@ -91,7 +89,8 @@ pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnM
                 let out_of_surface = (next.t - crossing.t) * next.steepness;
                 next.enters != crossing.enters && out_of_surface < crossing.radius * MOST_STRAY_IN_RADII
             };
-            let may_end = crossing.steepness < EDGE_ON_STEEPNESS || found.get(place + 1).is_some_and(follows);
+            let is_edge_on = crossing.steepness * crossing.steepness < GRAZING_COSINE_SQUARED;
+            let may_end = is_edge_on || found.get(place + 1).is_some_and(follows);
             let may_be_stray = surest.is_none() && may_end;
             // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found. To ask
             // is dear, and most walls of a cavity have nothing to mend.
@@ -118,11 +117,11 @@ mod tests {
     use super::*;
 
     fn enters(t: f32) -> Found {
-        Found { t, enters: true, radius: 0.1, steepness: 0.25 }
+        Found { t, enters: true, radius: 0.1, steepness: 0.4 }
     }
 
     fn leaves(t: f32) -> Found {
-        Found { t, enters: false, radius: 0.1, steepness: 0.25 }
+        Found { t, enters: false, radius: 0.1, steepness: 0.4 }
     }
 
     /// Mends with a leaf whose side is everywhere as where the ray `begins`, at depth 0.
@@ -190,13 +189,14 @@ mod tests {
         // Unless its front was dropped.
         assert_eq!(of(&[leaves(1.0), enters(1.2), leaves(3.0)], &[(enters(0.9), 0.5)], false), needs(&[0]));
     }
+
     #[test]
     fn one_crossing_at_a_silhouette_is_left_out() {
         let stray = Mended { needed: Vec::new(), stray: vec![1.0] };
-        let edge_on = Found { steepness: 0.01, ..leaves(1.0) };
+        let edge_on = Found { steepness: 0.1, ..leaves(1.0) };
         assert_eq!(of(&[edge_on], &[], false), stray);
         assert_eq!(of(&[edge_on, enters(5.0), leaves(9.0)], &[], false), stray);
         // Unless it is seen through a hole.
-        assert_eq!(mended(&[edge_on], &[], |t| t > 0.5), needs(&[]));
+        assert_eq!(mended(&[edge_on], &[], |t| t > 0.3), needs(&[]));
     }
 }

@@ -31,6 +31,7 @@ pub const TESTS: &[Test] = &[
         "the_nearest_surface_is_found_behind_any_number_of_layers",
         the_nearest_surface_is_found_behind_any_number_of_layers,
     ),
+    ("a_walk_that_the_driver_ends_is_told", a_walk_that_the_driver_ends_is_told),
     ("no_fragment_of_twenty_million_is_lost", no_fragment_of_twenty_million_is_lost),
     ("a_result_without_a_surface_is_empty", a_result_without_a_surface_is_empty),
     ("an_eye_inside_a_solid_sees_it_from_within", an_eye_inside_a_solid_sees_it_from_within),
@@ -253,6 +254,38 @@ fn the_nearest_surface_is_found_behind_any_number_of_layers(gpu: &'static Gpu) {
                 let what = format!("{count} plates, cut {below} above the last, with a sheet: {has_sheet}");
                 assert!(wrong == 0 && all >= if below > -0.5 { 32 * 32 } else { 0 }, "{what}: {wrong} of {all}");
             }
+        }
+    }
+}
+
+/// Plates behind one another, of which the last alone is on the result, under expressions so long that llvmpipe ends the walk
+/// over them: a picture that lacks something must not pass for one.
+fn a_walk_that_the_driver_ends_is_told(gpu: &'static Gpu) {
+    let brick = |centre: DVec3, half: DVec3| Solid::Box { min: centre - half, max: centre + half };
+    let speck = |x: f64| brick(DVec3::new(x, 0.9, 1.0), DVec3::splat(1e-3));
+    const PLATES: u32 = 28;
+    for products in [100, 2500] {
+        let (mut leaves, mut tree) = (Vec::new(), TreeBuilder::default());
+        for number in 0..products {
+            let plate = brick(DVec3::new(0.0, 0.0, -0.1 * f64::from(number)), DVec3::new(1.5, 1.5, 0.01));
+            leaves.push(leaf(2 * number, if number < PLATES { plate } else { speck(0.9) }));
+            leaves.push(leaf(2 * number + 1, speck(-0.9)));
+            tree.leaf(LeafId(2 * number)).leaf(LeafId(2 * number + 1)).and();
+            if number > 0 {
+                tree.or();
+            }
+        }
+        leaves.push(leaf(2 * products, brick(DVec3::new(0.0, 0.0, -4.0), DVec3::new(1.0, 1.0, 0.5))));
+        tree.leaf(LeafId(2 * products)).or();
+        let model = MeshModel::new(&leaves, &tree.finish().unwrap()).unwrap();
+        let frame = || MeshFrame::new(&model, down(32), LayerLimit::Nearest, 1);
+        let on_gpu = GpuMeshFrame::new(frame(), Classifier::List);
+        match gpu.checked(|| on_gpu.draw(gpu, whole(on_gpu.camera()))?.download(gpu)) {
+            Ok(tile) => {
+                let (wrong, all) = differing(&LayerStack::collect(&frame()), &[tile]);
+                assert!(wrong == 0 && all > 0, "{products} products: {wrong} of {all}");
+            }
+            Err(error) => assert!(error == GpuError::CutShort && products > 1000, "{products} products: {error}"),
         }
     }
 }

@@ -69,7 +69,7 @@ pub struct GpuMeshFrame<'a> {
     pub(super) is_bounded: bool,
     /// Whether parity is not counted where a product's inside tells it.
     pub(super) is_short: bool,
-    /// How much the last band's list had to hold, in this frame or in one before it.
+    /// How long the next band's list is made at first: what a list that was too short had to hold, and an eighth; 0 while none was.
     pub(super) length: Rc<Cell<usize>>,
     pub(super) peeling: Cell<Peeling>,
 }

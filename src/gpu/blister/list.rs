@@ -100,7 +100,7 @@ fn resolve(gpu: &Gpu, uploaded: &Uploaded, rect: PixelRect, lists: &Lists) -> Re
         let rest = gpu.storage::<u32>("rest", 1 + pixels)?;
         let groups = gpu.upload::<u32>("groups", &[0, 1, 1])?;
         let [single, left] = ["resolve_single", "resolve_rest"].map(|entry| gpu.kernel(&shader, entry));
-        let of_single = [&buffers[..], &[(27, &rest), (28, &groups)]].concat();
+        let of_single = [&buffers[..], &[(4, length), (27, &rest), (28, &groups)]].concat();
         commands.dispatch(&single, &gpu.bind(&single, &of_single), pixels);
         let of_rest = [&buffers[..], &[(4, length), (27, &rest)]].concat();
         commands.dispatch_indirect(&left, &gpu.bind(&left, &of_rest), &groups, 0);

@@ -90,7 +90,6 @@ pub(super) fn trace(leaf_words: u32, takes_turns: bool, asked: Asked) -> Shader 
     with_hit_list(shader)
         .with_constant("TAKES_TURNS", u32::from(takes_turns))
         .with_constant("LEAST_STEEPNESS", turns::LEAST_STEEPNESS)
-        .with_constant("EDGE_ON_STEEPNESS", turns::EDGE_ON_STEEPNESS)
         .with_constant("MOST_STRAY_IN_RADII", turns::MOST_STRAY_IN_RADII)
         .with_text(include_str!("../../../shaders/splat/turns.wgsl"))
         .with_text(include_str!("../../../shaders/splat/surface.wgsl"))

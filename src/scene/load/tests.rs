@@ -98,6 +98,13 @@ fn callers_of_the_library_are_checked_too() {
     let mut flat = Leaf::new("a", cloud(vec![DVec3::ZERO]));
     flat.world_from_leaf = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
     assert!(matches!(load_one(flat), Err(LoadError::Singular { .. })));
+    let mut far = Leaf::new("a", cloud(vec![DVec3::ZERO]));
+    far.world_from_leaf = DAffine3::from_translation(DVec3::X * 1e16);
+    assert!(matches!(load_one(far), Err(LoadError::TooFar { .. })));
+    for radius in [1e16, 1e300] {
+        let huge = Solid::Sphere { centre: DVec3::ZERO, radius };
+        assert!(matches!(load_one(Leaf::new("a", LeafSource::Solid(huge))), Err(LoadError::TooFar { .. })));
+    }
     let sphere = Solid::Sphere { centre: DVec3::ZERO, radius: -1.0 };
     assert!(matches!(load_one(Leaf::new("a", LeafSource::Solid(sphere))), Err(LoadError::Solid { .. })));
     let mut sheet = Leaf::new("a", cloud(vec![DVec3::ZERO]));
