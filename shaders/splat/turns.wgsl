@@ -89,7 +89,7 @@ fn surest_dropped(group: u32, nearest: f32) -> u32 {
 
 // Whether the crossing of `group`, out of turn, may be one without its other half: at a silhouette, or of a stray surfel.
 fn is_stray(group: u32) -> bool {
-    if groups[group].steepness * groups[group].steepness < GRAZING_COSINE_SQUARED {
+    if groups[group].steepness < LEAST_STEEPNESS {
         return true;
     }
     let next = groups[group].next;
@@ -99,6 +99,18 @@ fn is_stray(group: u32) -> bool {
     let out_of_surface = (groups[next].t - groups[group].t) * groups[next].steepness;
     let most = views[groups[group].best].radius * MOST_STRAY_IN_RADII;
     return group_enters(next) != group_enters(group) && out_of_surface < most;
+}
+
+// Whether the leaf has a hit at depth `t` in the pixel's list: only what is on the result is left out.
+fn shows(pixel: u32, leaf: u32, t: f32) -> bool {
+    var hit = atomicLoad(&pixels[FIRST_PIXEL + pixel]);
+    while hit != NONE {
+        if hits[hit].leaf == leaf && hits[hit].t == t {
+            return true;
+        }
+        hit = hits[hit].next;
+    }
+    return false;
 }
 
 // Takes the leaf's hit at depth `t` out of the pixel's list.
@@ -179,7 +191,7 @@ fn mend(ray: Ray, leaf: u32, pixel: u32, hidden_from: f32) -> f32 {
         var may_be_stray = false;
         if has_begun && group_enters(group) == inside {
             surest = surest_dropped(group, nearest);
-            may_be_stray = surest == NONE && is_stray(group);
+            may_be_stray = surest == NONE && is_stray(group) && shows(pixel, leaf, groups[group].t);
         }
         var counts = true;
         if !has_begun || surest != NONE || may_be_stray {

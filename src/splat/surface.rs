@@ -249,9 +249,13 @@ fn put_in_turn<S: Simd>(
         let (ray, from) = (ray_of(tile, at, lane), (-tile.anchor) as f32);
         let field = &tile.model.fields[leaf.0 as usize];
         let holds = |t: f32| cache.inside(field, leaf, ray.at(tile.anchor + f64::from(t)));
-        turns::mend(&crossings[lane], &dropped[lane], from, holds, mended);
+        let is_hit = |hit: &Hit, t: f32| hit.leaf == leaf.0 && hit.t == t;
+        let shows = |t: f32| {
+            hits[lane].iter().any(|hit| is_hit(hit, t)) || tied[lane].iter().any(|hit| hit.leaf == leaf && hit.t == t)
+        };
+        turns::mend(&crossings[lane], &dropped[lane], from, holds, shows, mended);
         for t in &mended.stray {
-            hits[lane].retain(|hit| !(hit.leaf == leaf.0 && hit.t == *t));
+            hits[lane].retain(|hit| !is_hit(hit, *t));
             tied[lane].retain(|hit| !(hit.leaf == leaf && hit.t == *t));
         }
         if nearest_only && !mended.stray.is_empty() {

@@ -19,13 +19,12 @@
 //! the nearest surface is wanted, crossings behind it are not looked for, and what is out of turn behind the last one found is not
 //! known.
 
-use super::rows::GRAZING_COSINE_SQUARED;
-
 /// A stray surfel stands out of the surface behind it by less than this many of its radii: further off it would be a surface of
 /// its own.
 pub(crate) const MOST_STRAY_IN_RADII: f32 = 3.0;
 
-/// Surfaces that rays meet less steeply are taken to be as steep, so that a radius off them is not far away.
+/// Surfaces that rays meet less steeply than this, 6° off edge-on, may end there; and are taken to be as steep, so that a radius off
+/// them is not far away.
 pub(crate) const LEAST_STEEPNESS: f32 = 0.1;
 
 /// A crossing of one ray with a leaf.
@@ -70,8 +69,16 @@ pub fn are_taken(found: &mut [Found]) -> bool {
 }
 
 /// Mends the crossings `found` of a ray, sorted, with groups of `dropped`. Depths begin with that of the eye, `from`; `holds` tells
-/// whether the ray's point at a depth that is not near a surface is inside of the leaf.
-pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnMut(f32) -> bool, mended: &mut Mended) {
+/// whether the ray's point at a depth that is not near a surface is inside of the leaf, and `shows` whether the crossing at a depth
+/// is on the result: only such a one is left out.
+pub fn mend(
+    found: &[Found],
+    dropped: &[Dropped],
+    from: f32,
+    mut holds: impl FnMut(f32) -> bool,
+    shows: impl Fn(f32) -> bool,
+    mended: &mut Mended,
+) {
     mended.needed.clear();
     mended.stray.clear();
     let (mut inside, mut nearest) = (holds(from), from);
@@ -89,9 +96,8 @@ pub fn mend(found: &[Found], dropped: &[Dropped], from: f32, mut holds: impl FnM
                 let out_of_surface = (next.t - crossing.t) * next.steepness;
                 next.enters != crossing.enters && out_of_surface < crossing.radius * MOST_STRAY_IN_RADII
             };
-            let is_edge_on = crossing.steepness * crossing.steepness < GRAZING_COSINE_SQUARED;
-            let may_end = is_edge_on || found.get(place + 1).is_some_and(follows);
-            let may_be_stray = surest.is_none() && may_end;
+            let may_end = crossing.steepness < LEAST_STEEPNESS || found.get(place + 1).is_some_and(follows);
+            let may_be_stray = surest.is_none() && may_end && shows(crossing.t);
             // Where a leaf is not on the result its surfels are not looked for: then a crossing went before that nobody found. To ask
             // is dear, and most walls of a cavity have nothing to mend.
             if (surest.is_some() || may_be_stray) && holds(depth_before(crossing, nearest)) == inside {
@@ -135,7 +141,7 @@ mod tests {
         let mut mended = Mended::default();
         let mut found = found.to_vec();
         are_taken(&mut found);
-        mend(&found, &dropped, 0.0, holds, &mut mended);
+        mend(&found, &dropped, 0.0, holds, |_| true, &mut mended);
         mended
     }
 
@@ -193,7 +199,7 @@ mod tests {
     #[test]
     fn one_crossing_at_a_silhouette_is_left_out() {
         let stray = Mended { needed: Vec::new(), stray: vec![1.0] };
-        let edge_on = Found { steepness: 0.1, ..leaves(1.0) };
+        let edge_on = Found { steepness: 0.05, ..leaves(1.0) };
         assert_eq!(of(&[edge_on], &[], false), stray);
         assert_eq!(of(&[edge_on, enters(5.0), leaves(9.0)], &[], false), stray);
         // Unless it is seen through a hole.
