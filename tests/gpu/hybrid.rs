@@ -73,7 +73,7 @@ pub(crate) fn leaf(form: Form, solid: Solid) -> TestLeaf {
 const SPACING: f64 = 0.05;
 
 /// A picture that shows less proves little.
-const LEAST_COVERED: usize = 140;
+const LEAST_COVERED: usize = 250;
 
 /// The leaves a, b, c … under an expression, moved by `shift`.
 fn shifted(text: &str, leaves: &[TestLeaf], shift: DVec3) -> HybridModel {
